@@ -13,7 +13,7 @@ from inspect import getclosurevars
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 
 from maglev_lanes.layout import FAST
-from maglev_lanes.pair import Pair, teach_pairs
+from maglev_lanes.pair import Pair, overload_pairs, teach_pairs
 from maglev_lanes.pieces import register
 
 OWN = ("maglev_lanes", "estimation", "selfsense", "maglev_env")  # packages whose code ends up in kernels
@@ -33,9 +33,14 @@ def compiled(kernel: Callable, fast: bool = True) -> Callable:
     register()
     _interleave()
     _uncollected()
+    sign(kernel)
+    return nb.njit(fastmath=FAST if fast else False, error_model="numpy", nogil=True, cache=True)(kernel)
+
+
+def sign(kernel: Callable) -> None:
+    """Set the variable `sources` of a kernel's factory to the kernel's fingerprint."""
     at = kernel.__code__.co_freevars.index("sources")
     kernel.__closure__[at].cell_contents = fingerprint(kernel)
-    return nb.njit(fastmath=FAST if fast else False, error_model="numpy", nogil=True, cache=True)(kernel)
 
 
 @cache
@@ -108,7 +113,7 @@ def _parts(value: object, seen: set[int]) -> Iterator[object]:
                 elif name != "sources":
                     yield from _parts(other, seen)
     elif value is Pair:
-        yield from _code(teach_pairs.__wrapped__.__code__, teach_pairs.__doc__)
+        yield from _code(overload_pairs.__code__, overload_pairs.__doc__)
     elif isinstance(value, type | BuiltinFunctionType):
         yield value.__name__
     elif isinstance(value, tuple | list):

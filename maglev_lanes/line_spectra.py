@@ -12,7 +12,7 @@ from threading import Lock
 
 import numpy as np
 
-from maglev_lanes.butterflies import IM, SIZE, five, four
+from maglev_lanes.butterflies import IM, SIZE, five_piece, four_piece
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import FAR
 from maglev_lanes.layout import LANES as W
@@ -31,15 +31,18 @@ class LineSpectra:
     Args:
         samples: of a period.
         lines: harmonic numbers (n,), from 0 up to half of the samples.
+
+    Attributes:
+        length: numbers of a column.
+        tables: what the compiled function takes from `radices` to `mirrored`.
     """
 
     def __init__(self, samples: int, lines: np.ndarray) -> None:
-        self._samples, self._lines = samples, np.asarray(lines, np.int64)
-        self._radices = _radices(samples)
-        length = int(np.prod(self._radices))
-        self._roots, self._whole = _roots(length), _roots(samples)
-        places = _places(length, self._radices)
-        self._at, self._mirrored = places[self._lines % length], places[-self._lines % length]
+        self._samples, lines, radices = samples, np.asarray(lines, np.int64), _radices(samples)
+        self.length = int(np.prod(radices))
+        places = _places(self.length, radices)
+        at, mirrored = places[lines % self.length], places[-lines % self.length]
+        self.tables = radices, _roots(self.length), _roots(samples), lines, at, mirrored
 
     def __call__(self, series: np.ndarray, channel: int) -> np.ndarray:
         """Amplitudes (peak, cosine convention) of one channel, real and imaginary parts, (n, 2, LANES).
@@ -48,13 +51,13 @@ class LineSpectra:
             series: (samples, channels, LANES), contiguous.
             channel: number of the channel.
         """
-        scratch = np.empty((2, self._roots.size // 2 * SIZE))
-        found = np.zeros((len(self._lines), 2, W))
+        scratch = np.empty((2, self.length * SIZE))
+        found = np.zeros((len(self.tables[3]), 2, W))
         with _MAKING:
             transform = _transform()
         transform(
-            series.reshape(-1), channel * W, series.shape[1] * W, self._samples, self._radices, self._roots,
-            self._whole, self._lines, self._at, self._mirrored, *scratch, found.reshape(-1),
+            series.reshape(-1), channel * W, series.shape[1] * W, self._samples, *self.tables, *scratch,
+            found.reshape(-1),
         )  # fmt: skip
         found *= 2 / self._samples
         return found
@@ -86,18 +89,23 @@ def _places(length: int, radices: np.ndarray) -> np.ndarray:
     return places
 
 
-@called
-def one(z, to, radix, done, roots):
-    """One pass over a column, behind others by radices whose product is `done`."""
-    many = roots.size // 2 // radix
-    step = (many * SIZE) & FAR
-    for first in range(0, many, done):  # all of `done` numbers are turned alike
-        for p in range(first, first + done):
-            a, b, turn = (p * SIZE) & FAR, (p * radix * SIZE) & FAR, first
-            if radix == 5:
-                five(z, a, step, to, b, roots, turn)
-            else:
-                four(z, a, step, to, b, roots, turn)
+def pass_piece(lanes: int = W) -> Callable:
+    """one(z, to, radix, done, roots): a pass over a column, behind others by radices whose product is `done`."""
+    four, five = four_piece(lanes), five_piece(lanes)
+
+    @called
+    def one(z, to, radix, done, roots):
+        many = roots.size // 2 // radix
+        step = (many * SIZE) & FAR
+        for first in range(0, many, done):  # all of `done` numbers are turned alike
+            for p in range(first, first + done):
+                a, b, turn = (p * SIZE) & FAR, (p * radix * SIZE) & FAR, first
+                if radix == 5:
+                    five(z, a, step, to, b, roots, turn)
+                else:
+                    four(z, a, step, to, b, roots, turn)
+
+    return one
 
 
 @called
@@ -143,7 +151,13 @@ def gather(z, column, whole, lines, at, mirrored, found, lanes):
 
 @cache
 def _transform() -> Callable[..., None]:
+    return compiled(transformer())
+
+
+def transformer(lanes: int = W) -> Callable[..., None]:
+    """The function that is compiled to the transform of a block's lanes, or of 1, whose arrays begin at that lane."""
     sources = 0  # see `compiled`
+    one = pass_piece(lanes)
 
     def transform(series, first, sample, samples, radices, roots, whole, lines, at, mirrored, z, other, found):
         """Amplitudes times half the samples, added to `found`, (lines, 2, LANES).
@@ -156,7 +170,7 @@ def _transform() -> Callable[..., None]:
             return
         columns = samples // (roots.size // 2)
         for column in range(0, columns, 2):
-            load(series, first, sample, column, columns, z, W)
+            load(series, first, sample, column, columns, z, lanes)
             done = np.int64(1)  # typed, because the compiler would make a second pass of a constant
             for j in range(radices.size):
                 if j % 2 == 0:
@@ -165,8 +179,8 @@ def _transform() -> Callable[..., None]:
                     one(other, z, radices[j], done, roots)
                 done *= radices[j]
             if radices.size % 2 == 0:
-                gather(z, column, whole, lines, at, mirrored, found, W)
+                gather(z, column, whole, lines, at, mirrored, found, lanes)
             else:
-                gather(other, column, whole, lines, at, mirrored, found, W)
+                gather(other, column, whole, lines, at, mirrored, found, lanes)
 
-    return compiled(transform)
+    return transform

@@ -5,27 +5,44 @@ taken axis by axis. A piece of one lane and axis is lifted to pairs by `Lifts`.
 """
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from types import ModuleType
 from typing import NamedTuple
 
 from maglev_lanes.pieces import INLINED, piece
 
 
 class Pair(NamedTuple):
-    """A number of each axis. It is not a plain tuple, because the sum of tuples is their concatenation."""
+    """A number of each axis. It is not a plain tuple, because the sum of tuples is their concatenation.
+
+    The operators here serve pieces that run as plain Python; the compiler has its own, see `teach_pairs`.
+    """
 
     x: float
     y: float
 
+    def __add__(self, other):
+        return Pair(self.x + other.x, self.y + other.y)
+
+    def __sub__(self, other):
+        return Pair(self.x - other.x, self.y - other.y)
+
+    def __mul__(self, number):
+        return Pair(self.x * number, self.y * number)
+
+    __rmul__ = __mul__
+
 
 def of_x(a):
     """The number of the first axis; a plain number belongs to both axes."""
+    return a.x if isinstance(a, Pair) else a
 
 
 def of_y(a):
     """The number of the second axis."""
+    return a.y if isinstance(a, Pair) else a
 
 
 @cache
@@ -34,7 +51,12 @@ def teach_pairs() -> None:
     from numba.core import types
     from numba.extending import overload
 
-    inlined = {"jit_options": INLINED}
+    overload_pairs(overload, types, INLINED)
+
+
+def overload_pairs(overload: Callable, types: ModuleType, options: Mapping[str, object]) -> None:
+    """Register the operators on pairs by the `overload` and the `types` of a compiler, which inlines by the options."""
+    inlined = {"jit_options": dict(options)}
 
     def is_pair(a) -> bool:
         return isinstance(a, types.BaseNamedTuple) and a.instance_class is Pair

@@ -9,6 +9,7 @@ import numpy as np
 from maglev_lanes.butterflies import IM, SIZE
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import LANES as W
+from maglev_lanes.pieces import piece
 
 _MAKING = Lock()
 
@@ -27,6 +28,21 @@ class PeriodStatistics:
         self._noisy = np.array(noisy, np.int64)
         self._mean = np.zeros((channels, lines, 2, W))
         self._second = np.zeros((len(noisy), len(noisy), lines, 2, W))
+
+    @classmethod
+    def of(cls, periods: int, noisy: Sequence[int], mean: np.ndarray, second: np.ndarray) -> "PeriodStatistics":
+        """What was gathered elsewhere.
+
+        Args:
+            periods: their number.
+            noisy: as above.
+            mean: (channels, lines, 2, LANES).
+            second: sums of the products of deviations, (noisy, noisy, lines, 2, LANES), those of a later channel with
+                an earlier one.
+        """
+        found = cls(0, noisy, 0)
+        found.periods, found._mean, found._second = periods, mean, second
+        return found
 
     def add(self, spectra: np.ndarray) -> None:
         """Add a period's amplitudes (channels, lines, 2, LANES), real and imaginary parts, which are overwritten."""
@@ -63,6 +79,22 @@ def as_complex(parts: np.ndarray) -> np.ndarray:
     return np.moveaxis(parts[..., 0, :] + 1j * parts[..., 1, :], -1, 0)
 
 
+@piece
+def approach(z, mean, k, count):
+    """Turn a number of z into its deviation from the mean, which then takes its share of it."""
+    z[k] -= mean[k]
+    mean[k] += z[k] / count
+
+
+@piece
+def covary(z, second, p, q, o, share):
+    """Add the product of the complex deviation at p and the conjugate one at q."""
+    im = np.uint64(IM)
+    ax, ay, bx, by = z[p], z[p + im], z[q], z[q + im]
+    second[o] += share * (ax * bx + ay * by)
+    second[o + im] += share * (ay * bx - ax * by)
+
+
 @cache
 def _add() -> Callable[..., None]:
     sources = 0  # see `compiled`
@@ -70,13 +102,12 @@ def _add() -> Callable[..., None]:
     def add(z, mean, second, noisy, lines, count, lanes):
         if sources == 0:
             return
-        im, both = np.uint64(IM), np.uint64(2 * lanes)
+        both = np.uint64(2 * lanes)
         for a in range(noisy.size):
             for n in range(lines):
                 k = np.uint64((noisy[a] * lines + n) * SIZE)
                 for i in range(both):
-                    z[k + i] -= mean[k + i]
-                    mean[k + i] += z[k + i] / count
+                    approach(z, mean, k + i, count)
         share = (count - 1.0) / count
         for a in range(noisy.size):
             for b in range(a + 1):
@@ -84,8 +115,6 @@ def _add() -> Callable[..., None]:
                     p, q = np.uint64((noisy[a] * lines + n) * SIZE), np.uint64((noisy[b] * lines + n) * SIZE)
                     o = np.uint64(((a * noisy.size + b) * lines + n) * SIZE)
                     for i in range(np.uint64(lanes)):
-                        ax, ay, bx, by = z[p + i], z[p + im + i], z[q + i], z[q + im + i]
-                        second[o + i] += share * (ax * bx + ay * by)
-                        second[o + im + i] += share * (ay * bx - ax * by)
+                        covary(z, second, p + i, q + i, o + i, share)
 
     return compiled(add)

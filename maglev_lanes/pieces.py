@@ -9,7 +9,7 @@ Function = TypeVar("Function", bound=Callable)
 CALLED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 INLINED = CALLED | {"forceinline": True}
 EXACT = CALLED | {"fastmath": False}
-_made: dict[tuple, Callable] = {}  # every piece by what it computes, see `_content`
+_made: dict[tuple, tuple[Callable, dict]] = {}  # every piece and its options by what it computes, see `_content`
 _waiting: list[tuple[Callable, tuple, dict]] = []  # pieces that were marked since the last kernel was made
 
 
@@ -40,7 +40,12 @@ def exact(function: Function) -> Function:
 def _marked(function: Function, options: dict) -> Function:
     content = _content(function)
     _waiting.append((function, content, options))
-    return cast(Function, _made.setdefault(content, function))
+    return cast(Function, _made.setdefault(content, (function, options))[0])
+
+
+def pieces() -> list[tuple[Callable, dict]]:
+    """All pieces that were marked up to now, with their options."""
+    return list(_made.values())
 
 
 def _content(function: Callable) -> tuple:
@@ -69,5 +74,5 @@ def register() -> None:
         function, content, options = _waiting.pop()
         if _content(function) != content:
             raise RuntimeError(f"{function.__qualname__}: a variable that this piece uses changed after it was marked")
-        if _made[content] is function:
+        if _made[content][0] is function:
             register_jitable(**options)(function)

@@ -36,6 +36,15 @@ def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads:
                 raise
 
 
+def one_ahead(items: Iterator[Item]) -> Iterator[Item]:
+    """The items of an iterator, each of which is made while the caller works on the one before."""
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = pool.submit(next, items, None)
+            yield item
+
+
 @contextmanager
 def single_blas() -> Iterator[None]:
     """Limits linear algebra to one thread while the context lasts."""

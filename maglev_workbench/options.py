@@ -63,6 +63,10 @@ PolicyOption = Annotated[
     Path | None, typer.Option(help="Checkpoint of the learned tuner (default: the one of this package).")
 ]
 ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads (default: all cores); results do not change.")]
+DeviceOption = Annotated[
+    str,
+    typer.Option(help="Where experiments are simulated: cpu, or cuda: a GPU of NVIDIA, other in the last digits."),
+]
 SchedulerOption = Annotated[
     str | None,
     typer.Option(

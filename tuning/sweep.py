@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.evaluation.devices import require_device
 from maglev_env.evaluation.evaluation import Evaluation
-from maglev_env.experiment import protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
 
 CHUNK = 256
+TOGETHER = 32  # chunks whose experiments a GPU simulates at a time
 POINTS = {"kp": 16, "ki": 4, "kd": 16}  # of the default grid
 SPEC = "sweep.json"
 
@@ -43,6 +45,7 @@ class Sweep:
         effects: Effects of the simulated rig.
         seed: Seed of all noise.
         sensor: What reads the displacement.
+        device: Where the experiments are simulated, one of DEVICES.
     """
 
     rig: Rig
@@ -52,6 +55,7 @@ class Sweep:
     effects: Effects = field(default_factory=dict)
     seed: int = 0
     sensor: str = "probe"
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         if not self.rig.controlled or self.rig.protocol is None:
@@ -156,7 +160,7 @@ def run_sweep(
         stays in its file until something is read.
 
     Raises:
-        ValueError: `out` holds another sweep.
+        ValueError: `out` holds another sweep, or the device is not there, or workers are given with it.
         BlockingIOError: Another process works on it.
         OSError: `out` cannot be written.
     """
@@ -165,6 +169,8 @@ def run_sweep(
 
 
 def _run(sweep, out, threads, advance, workers) -> "xr.Dataset":  # see run_sweep
+    if sweep.device != "cpu" and workers is not None:
+        raise ValueError(f"sweep: device {sweep.device} is of this machine: leave out the scheduler, or use cpu")
     if not (out / SPEC).exists() and not is_empty(out):
         raise ValueError(f"{out} is not empty and holds no sweep; choose another --out")
     swept, n = points(sweep), sweep.count
@@ -206,6 +212,7 @@ def description(sweep: Sweep, n: int) -> dict[str, object]:
         "axes": {name: asdict(axis) for name, axis in sweep.axes.items()},
         "effects": {name: dict(values) for name, values in sweep.effects.items()},
         "sensor": sweep.sensor,
+        "device": require_device(sweep.device, sweep.sensor),
         "rig": json.loads(json.dumps(asdict(sweep.rig))),
     }
     data["identity"] = sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
@@ -223,22 +230,29 @@ class _Chunk:
     def __len__(self) -> int:
         return len(next(iter(self.gains.values())))
 
+    def experiments(self) -> list[Experiment]:
+        """Of the gain sets, in order."""
+        s = self.sweep
+        return [
+            protocol_experiment(s.rig, gains, s.effects, (s.seed, i), s.sensor)
+            for i, gains in enumerate(_controllers(s, self.gains), self.start)
+        ]
+
     def columns(self, threads: int | None = 1, progress: Callable[[int], None] | None = None) -> dict[str, np.ndarray]:
         """All arrays of their evaluation."""
         from maglev_env.evaluation.evaluate import evaluate  # takes long to import
 
-        s = self.sweep
-        experiments = [
-            protocol_experiment(s.rig, gains, s.effects, (s.seed, i), s.sensor)
-            for i, gains in enumerate(_controllers(s, self.gains), self.start)
-        ]
-        return _columns(evaluate(experiments, threads, progress))
+        return _columns(evaluate(self.experiments(), threads, progress, device=self.sweep.device))
 
 
 def _made(
     chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None], workers: "Workers | None"
 ) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
     """Chunks and their columns as they are finished."""
+    if workers is None and chunks and chunks[0].sweep.device != "cpu":
+        for start in range(0, len(chunks), TOGETHER):
+            yield from _together(chunks[start : start + TOGETHER], threads, progress)
+        return
     if workers is None:
         for chunk in chunks:
             yield chunk, chunk.columns(threads, progress)
@@ -246,6 +260,21 @@ def _made(
     for i, columns in workers.each(_Chunk.columns, chunks):
         yield chunks[i], columns
         progress(len(chunks[i]))  # after the caller has stored the chunk
+
+
+def _together(
+    chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None]
+) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
+    """Chunks and their columns, evaluated together, because a GPU is as fast with many as with few."""
+    from maglev_env.evaluation.evaluate import evaluate
+
+    experiments = [e for chunk in chunks for e in chunk.experiments()]
+    whole = _columns(evaluate(experiments, threads, progress, device=chunks[0].sweep.device))
+    bands, stop = whole.pop("bands"), 0
+    for chunk in chunks:
+        start, stop = stop, stop + len(chunk)
+        own = slice(start, stop)
+        yield chunk, {"bands": bands} | {name: column[own] for name, column in whole.items()}
 
 
 def _along(axis: Axis, unit: np.ndarray, log: bool) -> np.ndarray:

@@ -14,6 +14,7 @@ from estimation.max_likelihood import BandEstimate, maximum_likelihood
 from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
 from maglev_env.design.goals import goal_of
+from maglev_env.evaluation.devices import Prepared, simulated_groups
 from maglev_env.evaluation.evaluation import Evaluation, joined
 from maglev_env.evaluation.goal_score import goal_score, goal_terms
 from maglev_env.evaluation.known_chain import force_statistics
@@ -30,7 +31,7 @@ from maglev_env.loop.gains import of_axis
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.goal import Goal
 from maglev_env.rig.rig import axis_rig
-from maglev_lanes.threads import over_threads
+from maglev_lanes.threads import one_ahead, over_threads
 
 CHUNK = 128  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
 
@@ -41,6 +42,7 @@ def evaluate(
     progress: Callable[[int], None] | None = None,
     targets: Sequence[ScoreTarget] | None = None,
     bands: np.ndarray | None = None,
+    device: str = "cpu",
 ) -> Evaluation:
     """Simulate, estimate and score experiments of one kind of rig; gains, parameters, effects and seeds may differ.
 
@@ -52,9 +54,12 @@ def evaluate(
         progress: Called with the number of experiments done.
         targets: One per experiment, for every axis; by default that of the first rig.
         bands: Bands (b, 2), Hz; by default the sliding ones of the first rig's protocol.
+        device: One of DEVICES, where the identification experiments are simulated. On a GPU sums are rounded in
+            another way, so results differ from those of a processor in the last digits.
 
     Raises:
-        ValueError: The experiments do not share excitations and schedule, or lack a force or a current excitation.
+        ValueError: The experiments do not share excitations and schedule, or lack a force or a current excitation; or
+            the device is not there, or cannot simulate them.
     """
     if not experiments:
         raise ValueError("give at least one experiment")
@@ -69,16 +74,27 @@ def evaluate(
     chunks = [slice(i, i + CHUNK) for i in range(0, len(experiments), CHUNK)]
     parts = []
 
-    def work(chunk: slice) -> Evaluation:
-        own = [stacked(one[chunk]) for one in per_axis]
+    def prepared(chunk: slice) -> list[Prepared]:
         drawn = drawn_experiments(experiments[chunk], goal.rigs) if goal else []
-        found = [_evaluate_chunk(part, own, bands, goal) for part in (experiments[chunk], *drawn)]
-        return _worst(goal, found) if goal and drawn else found[0]
+        return [Prepared(part, own_lanes(part)) for part in (experiments[chunk], *drawn)]
 
-    for part in over_threads(work, chunks, threads):
+    def judged(chunk: slice, made: Sequence[Prepared]) -> Evaluation:
+        own = [stacked(one[chunk]) for one in per_axis]
+        found = [_evaluate_chunk(part, own, bands, goal) for part in made]
+        return _worst(goal, found) if goal and len(found) > 1 else found[0]
+
+    def done(part: Evaluation) -> None:
         parts.append(part)
         if progress:
             progress(len(part.score))
+
+    if device == "cpu":
+        for part in over_threads(lambda chunk: judged(chunk, prepared(chunk)), chunks, threads):
+            done(part)
+    else:
+        for group in one_ahead(simulated_groups(chunks, prepared, device)):
+            for part in over_threads(lambda pair: judged(*pair), group, threads):
+                done(part)
     return joined(parts, np.concatenate)
 
 
@@ -95,13 +111,13 @@ def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
 
 
 def _evaluate_chunk(
-    experiments: Sequence[Experiment],
+    prepared: Prepared,
     targets: Sequence[ScoreTarget],
     bands: np.ndarray | None,
     goal: Goal | None,
 ) -> Evaluation:
-    blocks = own_lanes(experiments)
-    simulated = simulate_statistics(experiments, threads=1, blocks=blocks)
+    experiments, blocks = prepared.experiments, prepared.blocks
+    simulated = simulate_statistics(experiments, threads=1, blocks=blocks, gathered=prepared.gathered)
     radius = pole_radii(experiments)
     tested = large_signal_test(goal, experiments, blocks) if goal else [{}] * len(targets)
     parts = [

@@ -15,7 +15,7 @@ from maglev_env.kernel.sample import (
     delay_piece,
     draw,
     mix_piece,
-    peak,
+    peak_piece,
     read_pieces,
     same_wave,
     substep_piece,
@@ -67,7 +67,7 @@ def _kernel(structure: Structure) -> Callable[..., int]:
     controlled = structure.magnets != "none"
     read, control, note_late = read_pieces(structure)
     mix, load_substep, move = mix_piece(structure), substep_piece(structure), move_piece(structure)
-    delay, further = delay_piece(structure), structure.further
+    delay, further, peak = delay_piece(structure), structure.further, peak_piece()
     own_waves, load_waves = structure.own_waves, waves_piece(structure)
     sensors_begin, sensors_follow = sensing_pieces(structure)
 

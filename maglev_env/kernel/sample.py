@@ -50,8 +50,12 @@ def draw(x, b, seeds, first, lanes, count):
         x[to + i] = drawn(seeds[own + i], count)
 
 
-def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
+def read_pieces(s: Structure, lanes: int = W) -> tuple[Callable, Callable, Callable]:
     """Functions that read, control and record the axis at b; they write into its sample at o of the tile.
+
+    Args:
+        s: the structure.
+        lanes: all of a block, or 1 (see `single`).
 
     Returns:
         read(x, b, tile, o, off); off: 1 if the reading's error is accumulated, else 0.
@@ -94,7 +98,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     # All of this is in one loop: the compiler would unroll smaller ones and then not vectorise them.
     @piece
     def read(x, b, tile, o, off):
-        for i in range(W):
+        for i in range(lanes):
             k = b + i
             note_reading(x, k, tile, o + i, off)
             tile[o + i + COMMAND * W] = x[k + U]
@@ -103,7 +107,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
 
     @piece
     def control(x, b, tile, o, reference, injection, f):
-        for i in range(W):
+        for i in range(lanes):
             k = b + i
             shown, asked = note_reading(x, k, tile, o + i, 1.0), wanted(x, k, reference)
             if order == 0:
@@ -118,7 +122,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
                 note_current(x, k, tile, o + i)
         if order > 0:  # a loop of no rounds would have its pieces compiled
             for j in range(order):
-                for i in range(W):
+                for i in range(lanes):
                     if of_error:
                         filter_ahead(x, b + i, f + (1 + ERROR_STATE * j) * W + i)
                     else:
@@ -127,7 +131,7 @@ def read_pieces(s: Structure) -> tuple[Callable, Callable, Callable]:
     @piece
     def late(x, b, tile, o):
         if depends:
-            for i in range(W):
+            for i in range(lanes):
                 note_current(x, b + i, tile, o + i)
 
     return read, control, late
@@ -171,53 +175,46 @@ def same_wave(x):
     return others == 0
 
 
-def mix_piece(s: Structure) -> Callable:
+def mix_piece(s: Structure, lanes: int = W) -> Callable:
     """mix(x): adds the share of the other axis' motion to each axis' sensed displacement."""
     own = Z1 if s.sensed else sensor.seen(s.sensor_poles)
 
     @piece
     def mix(x):
-        for k in range(W):
+        for k in range(lanes):
             z_x, z_y = x[k + own], x[k + AXIS + own]
             x[k + SEEN], x[k + AXIS + SEEN] = cross_seen(x, k, z_x, z_y), cross_seen(x, k + AXIS, z_y, z_x)
 
     return mix
 
 
-@piece
-def store_commands(x, b, history, kept):
-    """Write the commands of the axis at b into the history."""
-    for i in range(W):
-        history[kept + i] = x[b + i + U]
-
-
-def _store_free(s: Structure) -> Callable:
-    """A piece as `store_commands`, of commands with their free correction."""
-    further = s.further
+def _store_piece(s: Structure, lanes: int) -> Callable:
+    """store(x, b, history, kept): writes the commands of the axis at b, as they are passed on, into the history."""
+    further, freely = s.further, s.free
 
     @piece
     def store(x, b, history, kept):
-        for i in range(W):
+        for i in range(lanes):
             u = command_path.pass_on(x, b + i) if further else x[b + i + U]
-            history[kept + i] = free.commanded(x, b + i, u)
+            history[kept + i] = free.commanded(x, b + i, u) if freely else u
 
     return store
 
 
-def delay_piece(s: Structure) -> Callable:
+def delay_piece(s: Structure, lanes: int = W) -> Callable:
     """delay(x, b, history, h, mask, now): stores the command in the history of the axis at h, and reads the command
     that acts and the one before it."""
-    store = _store_free(s) if s.free else command_path.store_passed if s.further else store_commands
+    store = _store_piece(s, lanes)
 
     @piece
     def delay(x, b, history, h, mask, now):
         store(x, b, history, h + (now & mask) * W)
         if mask == 1:  # no lane is late by a whole sample: two whole rows are copied, not a number for each lane
             last, before = h + (now & mask) * W, h + ((now - 1) & mask) * W
-            for i in range(W):
+            for i in range(lanes):
                 x[b + i + ACTING], x[b + i + U_OLD] = history[last + i], history[before + i]
             return
-        for i in range(W):
+        for i in range(lanes):
             behind = now - np.int64(x[b + i + DELAY_STEPS])
             x[b + i + ACTING] = history[h + (behind & mask) * W + i]
             x[b + i + U_OLD] = history[h + ((behind - 1) & mask) * W + i]
@@ -225,12 +222,17 @@ def delay_piece(s: Structure) -> Callable:
     return delay
 
 
-@piece
-def peak(x, tile, o, stride):
-    """Update the largest radial displacement read; the second axis' sample is `stride` behind the first's."""
-    for k in range(W):
-        x_shown, y_shown = tile[o + k], tile[o + stride + k]
-        x[k + PEAK_SQ] = max(x[k + PEAK_SQ], x_shown * x_shown + y_shown * y_shown)
+def peak_piece(lanes: int = W) -> Callable:
+    """peak(x, tile, o, stride): updates the largest radial displacement read; the second axis' sample is `stride`
+    behind the first's."""
+
+    @piece
+    def peak(x, tile, o, stride):
+        for k in range(lanes):
+            x_shown, y_shown = tile[o + k], tile[o + stride + k]
+            x[k + PEAK_SQ] = max(x[k + PEAK_SQ], x_shown * x_shown + y_shown * y_shown)
+
+    return peak
 
 
 def substep_piece(s: Structure) -> Callable:

@@ -61,6 +61,15 @@ class GapError:
 
 
 @dataclass(frozen=True)
+class Gathered:
+    """A block behind its experiment: its state at the end, and the statistics over the kept periods."""
+
+    block: "Block"
+    state: "State"
+    statistics: PeriodStatistics
+
+
+@dataclass(frozen=True)
 class Block:
     """Up to LANES experiments of one structure.
 
@@ -84,6 +93,7 @@ def simulate_statistics(
     substeps: int = 1,
     threads: int | None = None,
     blocks: Sequence[Block] | None = None,
+    gathered: Sequence[Gathered] | None = None,
 ) -> SimulatedStatistics:
     """Statistics at the excited lines of experiments that share excitations and schedule.
 
@@ -92,6 +102,7 @@ def simulate_statistics(
         substeps: number of integration steps per control sample.
         threads: default: all cores; it does not change the results.
         blocks: the lanes of these experiments, see `own_lanes`; None: they are made here.
+        gathered: what was simulated of them elsewhere, see `kernel.gpu`; None: they are simulated here.
 
     Raises:
         ValueError: Experiments differ in excitations, periods, offset or control rate, or keep fewer than two periods.
@@ -105,26 +116,34 @@ def simulate_statistics(
     covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
     touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     errors = np.full((3, n), np.nan)
-    applied = {place: _line_amplitudes(first, place, lines) for place in ("force", "current")}
+    applied = {place: line_amplitudes(first, place, lines) for place in ("force", "current")}
 
     def run(block: Block) -> None:
         state = State(block)
         noisy = [i for i, name in enumerate(channels) if not name.startswith("injection")]
-        gathered = PeriodStatistics(len(channels), noisy, len(lines))
+        statistics = PeriodStatistics(len(channels), noisy, len(lines))
         for spectra in _block_spectra(block, state, lines, applied):
-            gathered.add(spectra)
+            statistics.add(spectra)
+        take(Gathered(block, state, statistics))
+
+    def take(done: Gathered) -> None:
+        block, state = done.block, done.state
         alive = state.alive()[: len(block.members)]
         members, kept = block.members[alive], np.flatnonzero(alive)
         if kept.size:
-            mean[members], covariance[members] = gathered.mean()[kept], gathered.covariance()[kept]
+            mean[members], covariance[members] = done.statistics.mean()[kept], done.statistics.covariance()[kept]
         samples = first.periods * first.samples_per_period
         peak[members] = np.sqrt(state.axis_rows(PEAK_SQ)[0, kept])
         rms[members] = np.sqrt(state.axis_rows(CURRENT_SQ)[:, kept].max(axis=0) / samples)
         errors[:, members] = state.gap_errors(samples)[:, kept]
         touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
 
-    for _ in over_threads(run, blocks or _blocks(experiments, substeps), threads):
-        pass
+    if gathered is None:
+        for _ in over_threads(run, blocks or _blocks(experiments, substeps), threads):
+            pass
+    else:
+        for done in gathered:
+            take(done)
     statistics = LineStatistics(lines * first.fundamental, lines, channels, mean, covariance, first.periods)
     return SimulatedStatistics(statistics, touchdown, peak, rms, GapError(*errors))
 
@@ -157,7 +176,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     def run(block: Block) -> None:
         state = State(block)
         written = block.batch.structure.channels
-        for i, out in enumerate(stretches(block, state, [_waves(first)] * periods, multiple > 1)):
+        for i, out in enumerate(stretches(block, state, [waves_of(first)] * periods, multiple > 1)):
             span = slice(i * n, (i + 1) * n)
             put_lanes(out[::every, ..., : len(block.members)], records[:, : len(written), :, span], block.members)
             for lane, member in enumerate(block.members):
@@ -209,7 +228,7 @@ def block_periods(experiments: Sequence[Experiment]) -> Iterator[Iterator[np.nda
     """The simulator without statistics: for each block an iterator over periods, see `stretches`."""
     first = _common(experiments)
     for block in _blocks(experiments, 1):
-        yield stretches(block, State(block), [_waves(first)] * (first.transient_periods + first.periods))
+        yield stretches(block, State(block), [waves_of(first)] * (first.transient_periods + first.periods))
 
 
 class State:
@@ -349,14 +368,14 @@ def put_lanes(series: np.ndarray, to: np.ndarray, rows: np.ndarray) -> None:
         to[rows, ..., at : at + part.shape[-1]] = part
 
 
-def _waves(e: Experiment) -> list[np.ndarray]:
+def waves_of(e: Experiment) -> list[np.ndarray]:
     """One period of force, injection and reference, axis after axis, in the kernel's layout."""
     reference = np.atleast_2d(e.waveform("reference"))
     reference[0] += e.offset
     return [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
 
 
-def _line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray:
+def line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray:
     """Complex amplitudes (axes, lines) of the experiment's excitation at a place."""
     return scipy.fft.rfft(np.atleast_2d(e.waveform(place)), axis=-1)[:, lines] * (2 / e.samples_per_period)
 
@@ -370,7 +389,7 @@ def _block_spectra(
     sensed = block.batch.structure.sensed is not None
     at_lines, written = LineSpectra(n, lines), len(block.batch.structure.channels)
     places = (0, 1, 4)[: 2 + sensed]  # of displacement, command and position among the spectral channels
-    for period, out in enumerate(stretches(block, state, [_waves(e)] * (e.transient_periods + e.periods))):
+    for period, out in enumerate(stretches(block, state, [waves_of(e)] * (e.transient_periods + e.periods))):
         if period < e.transient_periods:
             state.forget()
             continue

@@ -13,8 +13,8 @@ from maglev_lanes.pieces import piece
 SIXTH = 1.0 / 6.0
 
 
-def move_piece(s: Structure) -> Callable:
-    """move(x, force_x, force_y): one integration step of all lanes under held commands and forces (N).
+def move_piece(s: Structure, lanes: int = W) -> Callable:
+    """move(x, force_x, force_y): one integration step of as many lanes under held commands and forces (N).
 
     It uses Nystrom's method of 4th order. Both middle stages have the same position, so that three evaluations of the
     magnets are enough.
@@ -40,7 +40,7 @@ def move_piece(s: Structure) -> Callable:
     # inlined, and never be vectorised.
     @piece
     def move(x, force_x, force_y):
-        for k in range(W):
+        for k in range(lanes):
             y, v, outside = position(x, k), velocity(x, k), pushed_by(x, k, force_x, force_y)
             p0, pm, p1 = push_start(x, k, outside), push_middle(x, k, outside), push_end(x, k, outside)
             # Amplify.

@@ -9,6 +9,7 @@ from maglev_env.loop.exponential import faded
 from maglev_env.loop.magnets import rows
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
 from maglev_env.loop.system import System, Values
+from maglev_lanes.elementary import root
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
 
@@ -228,7 +229,7 @@ def damping(x, k, v):
 @piece
 def sliding(x, k, v):
     """Deceleration by friction that depends on the velocity only."""
-    return x[k + FRICTION] * v / np.sqrt(v * v + x[k + SLIP_SQ])
+    return x[k + FRICTION] * v / root(v * v + x[k + SLIP_SQ])
 
 
 @piece
@@ -257,7 +258,7 @@ def deflect_bristles(x, k, bent, moved):
     The result is exact at constant velocity, and without slip velocity (Dahl) for any motion that does not reverse. It
     stays within -1 .. 1 for any stiffness of the bristles.
     """
-    path = np.sqrt(moved * moved + 0.25 * x[k + SLIP_SQ])
+    path = root(moved * moved + 0.25 * x[k + SLIP_SQ])
     toward = moved / path
     return toward + (bent - toward) * faded(path * x[k + PER_BEND])
 
@@ -265,7 +266,7 @@ def deflect_bristles(x, k, bent, moved):
 @piece
 def deflect_bristles_shaped(x, k, bent, moved):
     """The same with the Stribeck effect: slow motion slides only beyond the static friction, 1 + STATIC."""
-    path = np.sqrt(moved * moved + 0.25 * x[k + SLIP_SQ])
+    path = root(moved * moved + 0.25 * x[k + SLIP_SQ])
     speed = 2.0 * moved * x[k + PER_STRIBECK]
     level = 1.0 + x[k + STATIC] * faded(speed * speed)
     toward = level * (moved / path)

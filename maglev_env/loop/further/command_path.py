@@ -9,7 +9,7 @@ from maglev_env.loop import external
 from maglev_env.loop.card import EffectCard, Parameter
 from maglev_env.loop.controller import U
 from maglev_env.loop.system import Values
-from maglev_lanes.layout import LANES as W
+from maglev_lanes.elementary import root
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.noise import drawn
 from maglev_lanes.pieces import piece
@@ -73,7 +73,7 @@ def try_luck(x, b, seeds, first, lanes, count):
 def left_of(u, half, round_sq):
     """What a dead band leaves of the command u: of a sharp one max(u - half, 0) + min(u + half, 0)."""
     above, below = u - half, u + half
-    return u + 0.5 * (np.sqrt(above * above + round_sq) - np.sqrt(below * below + round_sq))
+    return u + 0.5 * (root(above * above + round_sq) - root(below * below + round_sq))
 
 
 @piece
@@ -84,10 +84,3 @@ def pass_on(x, k):
     passed = beyond + repeated * (x[k + PASSED] - beyond)
     x[k + PASSED] = passed
     return passed
-
-
-@piece
-def store_passed(x, b, history, kept):
-    """Write the commands that are passed on, of the axis at b, into the history."""
-    for i in range(W):
-        history[kept + i] = pass_on(x, b + i)

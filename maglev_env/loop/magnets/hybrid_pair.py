@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from maglev_env.loop.magnets.circuit import magnet_circuit, pair_law
 from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.magnets.law import ForceLaw
@@ -23,6 +21,7 @@ from maglev_env.loop.magnets.rows import (
     KNEE,
     PER_GAP,
 )  # fmt: skip
+from maglev_lanes.elementary import root
 from maglev_lanes.pieces import piece
 from selfsense.coil import MU_0
 
@@ -73,8 +72,8 @@ def shaped_pull(saturating: bool, steeper: bool, any_knee: bool) -> Callable:
         """What a squared field is divided by."""
         knee = x[k + KNEE]
         if any_knee:
-            return 1.0 / kept_share(np.sqrt(knee) * square, x[k + BEND])
-        return np.sqrt(1.0 + knee * (square * square))
+            return 1.0 / kept_share(root(knee) * square, x[k + BEND])
+        return root(1.0 + knee * (square * square))
 
     @piece
     def factors(x, k, y):

@@ -1,8 +1,7 @@
 """A knee of any sharpness: x / (1 + |x|^n)^(1 / n), for kernels; n = 2 is a root, large n a hard limit."""
 
-import numpy as np
-
 from maglev_env.loop.magnets.powers import exponential, logarithm
+from maglev_lanes.elementary import root
 from maglev_lanes.pieces import piece
 
 
@@ -10,7 +9,7 @@ from maglev_lanes.pieces import piece
 def kept_share(size, sharpness):
     """(1 + size^n)^(-1 / n) for size >= 0 and sharpness n = 1 .. 100."""
     # Four times the logarithm of the fourth root: accurate over many decades.
-    power = sharpness * (4.0 * logarithm(np.sqrt(np.sqrt(max(min(size, 1e6), 1e-12)))))
+    power = sharpness * (4.0 * logarithm(root(root(max(min(size, 1e6), 1e-12)))))
     # ln(1 + e^z) as max(z, 0) + ln(1 + e^-|z|), whose arguments stay where both approximations are accurate.
     bent = max(power, 0.0) + logarithm(1.0 + exponential(-abs(power)))
     return exponential(-bent / sharpness)

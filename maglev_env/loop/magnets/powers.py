@@ -3,8 +3,7 @@
 The compiler makes vector instructions of these formulas, and none of the exact functions.
 """
 
-import numpy as np
-
+from maglev_lanes.elementary import root
 from maglev_lanes.pieces import piece
 
 
@@ -14,7 +13,7 @@ def logarithm(r):
 
     Down to 1e-3 the error is below 1e-5; smaller r count as 1e-3.
     """
-    q = np.sqrt(np.sqrt(np.sqrt(max(r, 1e-3))))
+    q = root(root(root(max(r, 1e-3))))
     t = (q - 1.0) / (q + 1.0)
     s = t * t
     return 16.0 * t * (1.0 + s * (1.0 / 3.0 + s * (1.0 / 5.0 + s * (1.0 / 7.0 + s * (1.0 / 9.0 + s / 11.0)))))

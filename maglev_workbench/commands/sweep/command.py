@@ -7,6 +7,7 @@ import typer
 
 from maglev_workbench.options import (
     ControllerOption,
+    DeviceOption,
     EffectOption,
     GoalOption,
     JsonOption,
@@ -43,6 +44,7 @@ def sweep(
     sensor: SensorOption = "probe",
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    device: DeviceOption = "cpu",
     scheduler: SchedulerOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the results; an interrupted sweep resumes there.")] = None,
     json_file: JsonOption = None,
@@ -64,6 +66,7 @@ def sweep(
     from maglev_env.design.controllers import with_controller
     from maglev_env.design.defaults import with_defaults
     from maglev_env.design.goals import with_goal
+    from maglev_env.evaluation.devices import require_device
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig import load_rig
     from tuning.sweep import Sweep, default_axes, run_sweep
@@ -75,9 +78,10 @@ def sweep(
     axes = given or default_axes(loaded)
     if log is None:
         log = not given and all(axis.low > 0 for axis in axes.values())
-    plan = Sweep(loaded, axes, log, sobol, parse_effects(effect), seed, sensor)
+    plan = Sweep(loaded, axes, log, sobol, parse_effects(effect), seed, sensor, device)
     folder = out or Path(f"sweep-{loaded.name}")
     require_folder(folder)
+    require_device(device, sensor)
     # What is asked for is right: now the imports that take longer.
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.sweep.report import sweep_page, sweep_summary, sweep_tables

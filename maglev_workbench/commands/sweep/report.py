@@ -254,5 +254,5 @@ def _made_by(attrs: Mapping[str, Any], rig: Mapping[str, Any]) -> dict[str, obje
     effects = effects_in_words(json.loads(attrs.get("effects", "{}")))
     sensor = attrs.get("sensor", "probe").replace("_", "-")
     known = {"Sensor": sensor, "Effects": effects, "Swept": f"{kind}: {'; '.join(axes)}"}
-    stated = {name.capitalize(): attrs[name] for name in ("seed", "version", "identity") if name in attrs}
+    stated = {name.capitalize(): attrs[name] for name in ("seed", "device", "version", "identity") if name in attrs}
     return rig_facts(rig) | known | stated

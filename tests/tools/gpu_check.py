@@ -1,0 +1,281 @@
+"""Check and time the lanes of a GPU against those of the processor, on a machine that has one.
+
+Usage: python tests/tools/gpu_check.py [--out FOLDER] [--only STAGE ...] [--tiny]
+
+The extra `cuda` must be installed (see `maglev_lanes.gpu`). Stages: about, compile, agree, agree-xy, kernel, kernel-xy,
+quick, full, processes. Each prints its figures as they come and, with --out, writes them into gpu_check.json there; one
+that fails prints why, and the next begins. --tiny: a few short experiments, as numba's simulator can run them
+(NUMBA_ENABLE_CUDASIM=1).
+"""
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import perf_counter
+from traceback import print_exc
+from typing import Any
+
+import numpy as np
+
+from maglev_env.evaluation.devices import require_device
+from maglev_env.evaluation.evaluate import CHUNK, evaluate
+from maglev_env.evaluation.evaluation import Evaluation
+from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.kernel.gpu import Lanes, gathered_on_gpu
+from maglev_env.kernel.simulate import own_lanes, simulate_statistics
+from maglev_env.loop.gains import with_gains
+from maglev_env.rig.rig import load_rig
+from maglev_env.task.protocol import env_protocol
+from maglev_lanes.layout import LANES
+from maglev_lanes.processes import fresh_pool
+
+WORKERS = (1, 2, 4, 8, 16)
+SECONDS = 3.0  # of a figure of the processor
+KERNEL_LANES = (1024, 4096, 16384, 65536)
+PIPELINE = {"quick": (1024, 8192, 65536), "full": (1024, 8192, 32768)}
+COMPARED = ("stiffness", "damping", "score", "peak_sensitivity", "phase_margin", "current_rms", "peak_displacement")
+
+
+class Check:
+    """The stages, and the figures found up to now."""
+
+    def __init__(self, out: Path | None, tiny: bool) -> None:
+        self.out, self.tiny = out, tiny
+        self.found: dict[str, Any] = {}
+
+    def say(self, stage: str, **figures: Any) -> None:
+        """Print figures and keep them."""
+        self.found.setdefault(stage, []).append(figures)
+        told = ", ".join(
+            f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in figures.items()
+        )
+        print(f"[{perf_counter() - BEGUN:6.1f} s] {stage}: {told}", flush=True)
+        if self.out:
+            (self.out / "gpu_check.json").write_text(json.dumps(self.found, indent=1))
+
+    def experiments(self, rig: str, count: int, protocol: str = "full", **changes: Any) -> list[Experiment]:
+        """Gain sets around the preset, each with its own noise."""
+        loaded = load_rig(rig)
+        loaded = replace(loaded, protocol=env_protocol(loaded, protocol), **changes)
+        shares = np.random.default_rng(7).uniform(0.8, 1.25, (count, 2))
+        first = protocol_experiment(loaded)
+        if self.tiny:
+            lines = ((1, 3, 4, 6, 7, 8), (2, 5, 9, 11))
+            parts = zip(first.excitations, lines, strict=False)
+            excitations = tuple(replace(e, fundamental=200.0, lines=own) for e, own in parts)
+            target = replace(loaded.target, band=(200.0, 1700.0))
+            first = replace(
+                first, rig=replace(loaded, target=target), excitations=excitations, periods=3, transient_periods=1
+            )
+        found = []
+        for i, (p, d) in enumerate(shares):
+            own = loaded.gains[0] if isinstance(loaded.gains, tuple) else loaded.gains
+            gains = with_gains(loaded.gains, kp=float(p * own.kp), kd=float(d * own.kd))
+            found.append(replace(first, gains=gains, seed=(0, i)))
+        return found
+
+    def scored(self, experiments: list[Experiment], **how: Any) -> Evaluation:
+        """Evaluated; tiny ones have few lines, and so one band."""
+        return evaluate(experiments, bands=np.array([[200.0, 1700.0]]) if self.tiny else None, **how)
+
+    def about(self) -> None:
+        names = ("numba", "llvmlite", "numba-cuda", "cuda-bindings", "cuda-core", "numpy", "scipy", "xarray")
+        self.say(
+            "about", device=require_device("cuda"), python=platform.python_version(), cores=os.cpu_count() or 0,
+            load=os.getloadavg()[0], **{name: _version(name) for name in names},
+        )  # fmt: skip
+
+    def compile(self) -> None:
+        for rig in ("hmb_free", "hmb_radial"):
+            begun = perf_counter()
+            lanes = Lanes(own_lanes(self.experiments(rig, 4, "quick")))
+            seconds = [perf_counter() - begun]
+            for work in (partial(lanes.advance, 0, True), lanes.transform, partial(lanes.add, 0, 1)):
+                begun = perf_counter()
+                work()
+                lanes.synchronise()
+                seconds.append(perf_counter() - begun)
+            names = ("prepared", "step", "transform", "statistics")
+            self.say("compile", rig=rig, **{f"{n}_s": s for n, s in zip(names, seconds, strict=True)})
+
+    def agree(self, rig: str, stage: str) -> None:
+        count = 4 if self.tiny else 256
+        for name, changes in (("ideal converters", {"adc_bits": 0, "dac_bits": 0}), ("converters", {})):
+            experiments = self.experiments(rig, count, "full", **changes)
+            blocks = own_lanes(experiments)
+            on_gpu = list(gathered_on_gpu(blocks))
+            again = list(gathered_on_gpu(blocks, most=3))
+            same = all(
+                np.array_equal(a.statistics.mean(), b.statistics.mean())
+                and np.array_equal(a.statistics.covariance(), b.statistics.covariance())
+                and np.array_equal(a.state.rows, b.state.rows)
+                for a, b in zip(on_gpu, again, strict=True)
+            )
+            gpu = simulate_statistics(experiments, blocks=blocks, gathered=on_gpu)
+            cpu = simulate_statistics(experiments, blocks=blocks)
+            size = np.abs(cpu.statistics.mean).max(axis=(0, 2))
+            off = np.nanmax(np.abs(gpu.statistics.mean - cpu.statistics.mean), axis=(0, 2)) / np.where(
+                size > 0, size, 1.0
+            )
+            self.say(
+                stage, case=name, same_bits_in_parts=bool(same), lost=int((~np.isfinite(gpu.peak_displacement)).sum()),
+                **{f"amplitudes_{c}": float(o) for c, o in zip(cpu.statistics.channels, off, strict=True)},
+            )  # fmt: skip
+            if self.tiny:
+                continue
+            one, two = evaluate(experiments), evaluate(experiments, device="cuda")
+            for quantity in COMPARED:
+                a, b = (getattr(e, quantity, None) if hasattr(e, quantity) else e.margins[quantity] for e in (one, two))
+                keep = np.isfinite(a) & np.isfinite(b)
+                relative = np.abs(b[keep] - a[keep]) / np.maximum(np.abs(a[keep]), 1e-12)
+                self.say(stage, case=name, quantity=quantity, compared=int(keep.sum()), relative=float(relative.max()))
+            for quantity in ("stiffness", "damping"):
+                width = getattr(one, f"{quantity}_high") - getattr(one, f"{quantity}_low")
+                moved = np.abs(getattr(two, quantity) - getattr(one, quantity)) / (width / 3.92)
+                self.say(stage, case=name, quantity=quantity, of_standard_error=float(np.nanmax(moved)))
+
+    def kernel(self, rig: str, stage: str) -> None:
+        """Times of the parts of a period, by number of lanes."""
+        for count in (32,) if self.tiny else KERNEL_LANES:
+            few = own_lanes(self.experiments(rig, LANES, "quick"))
+            try:
+                lanes = Lanes([few[0]] * (count // LANES))
+            except Exception as error:
+                self.say(stage, lanes=count, failed=" ".join(str(error).split())[:200])
+                return
+            axes, samples = lanes.axes, lanes.experiment.samples_per_period
+            lanes.advance(0, True)
+            lanes.transform()
+            lanes.add(0, 1)
+            lanes.synchronise()
+            times = {}
+            for name, work in (
+                ("step", partial(lanes.advance, 1, False)),
+                ("transform", lanes.transform),
+                ("statistics", partial(lanes.add, 1, 2)),
+            ):
+                times[name] = _shortest(work, lanes.synchronise, 1 if self.tiny else 5)
+            begun = perf_counter()
+            for _ in lanes.fetched(2):
+                pass
+            fetched = perf_counter() - begun
+            per = count * samples
+            self.say(
+                stage, lanes=count, axes=axes, samples=samples, step_ms=times["step"] * 1e3,
+                step_ns=times["step"] / per * 1e9, transform_ns=times["transform"] / per * 1e9,
+                statistics_ns=times["statistics"] / per * 1e9, fetch_us_per_lane=fetched / count * 1e6,
+            )  # fmt: skip
+            del lanes
+
+    def pipeline(self, protocol: str) -> None:
+        """Gain sets per second, of the processor by workers and of the GPU by number of gain sets."""
+        cores = os.cpu_count() or 1
+        one = self.experiments("hmb_free", 64 if not self.tiny else 2, protocol)
+        if not self.tiny:
+            self.scored(one, threads=1)
+        begun = perf_counter()
+        self.scored(one, threads=1)
+        each = (perf_counter() - begun) / len(one)
+        self.say(protocol, ms_of_one_core=each * 1e3)
+        for workers in (1,) if self.tiny else [w for w in WORKERS if w <= cores]:
+            chunks = int(np.ceil(SECONDS / each * min(workers, 4) / CHUNK / workers))
+            count = len(one) if self.tiny else chunks * CHUNK * workers
+            experiments = self.experiments("hmb_free", count, protocol)
+            begun = perf_counter()
+            self.scored(experiments, threads=workers)
+            self.say(protocol, device="cpu", threads=workers, sets=count, per_second=count / (perf_counter() - begun))
+        warm = one[:2] if self.tiny else one
+        self.scored(warm, device="cuda")
+        for count in (2,) if self.tiny else PIPELINE[protocol]:
+            experiments = self.experiments("hmb_free", count, protocol)
+            begun = perf_counter()
+            self.scored(experiments, device="cuda")
+            self.say(protocol, device="cuda", sets=count, per_second=count / (perf_counter() - begun))
+            begun = perf_counter()
+            blocks = own_lanes(experiments)
+            prepared = perf_counter() - begun
+            begun = perf_counter()
+            for _ in gathered_on_gpu(blocks):
+                pass
+            self.say(
+                protocol, device="cuda", sets=count, prepare_us=prepared / count * 1e6,
+                simulated_per_second=count / (perf_counter() - begun),
+            )  # fmt: skip
+
+    def processes(self) -> None:
+        """Gain sets per second of the full protocol in as many processes of one thread each."""
+        for workers in (1,) if self.tiny else [w for w in WORKERS if w <= (os.cpu_count() or 1)]:
+            each = 2 if self.tiny else 1024
+            with fresh_pool(workers) as pool:
+                list(pool.map(_scored_there, [(self.tiny, 2)] * workers))  # starts all
+                begun = perf_counter()
+                list(pool.map(_scored_there, [(self.tiny, each)] * workers))
+                seconds = perf_counter() - begun
+            self.say("processes", workers=workers, sets=workers * each, per_second=workers * each / seconds)
+
+
+def _scored_there(work: tuple[bool, int]) -> int:
+    """Score as many gain sets in this process; what is returned is of no use."""
+    tiny, count = work
+    check = Check(None, tiny)
+    return len(check.scored(check.experiments("hmb_free", count), threads=1).score)
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "none"
+
+
+def _shortest(work: Callable[[], None], wait: Callable[[], None], rounds: int) -> float:
+    found = []
+    for _ in range(rounds):
+        begun = perf_counter()
+        work()
+        wait()
+        found.append(perf_counter() - begun)
+    return min(found)
+
+
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, help="folder of gpu_check.json")
+    parser.add_argument("--only", nargs="+", help="stages")
+    parser.add_argument("--tiny", action="store_true", help="few short experiments")
+    asked = parser.parse_args(arguments)
+    check = Check(asked.out, asked.tiny)
+    stages: dict[str, Callable[[], None]] = {
+        "about": check.about,
+        "compile": check.compile,
+        "agree": lambda: check.agree("hmb_free", "agree"),
+        "agree-xy": lambda: check.agree("hmb_radial", "agree-xy"),
+        "kernel": lambda: check.kernel("hmb_free", "kernel"),
+        "kernel-xy": lambda: check.kernel("hmb_radial", "kernel-xy"),
+        "quick": lambda: check.pipeline("quick"),
+        "full": lambda: check.pipeline("full"),
+        "processes": check.processes,
+    }
+    failed = []
+    for name in asked.only or stages:
+        try:
+            stages[name]()
+        except Exception:
+            print(f"stage {name} failed:", flush=True)
+            print_exc(file=sys.stdout)
+            failed.append(name)
+    print(f"failed: {', '.join(failed) or 'nothing'}", flush=True)
+    return 1 if failed else 0
+
+
+BEGUN = perf_counter()
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
