@@ -1,4 +1,4 @@
-"""How far the recordings go: the largest current that the controller asks for in them."""
+"""How far the recordings go: the largest current that the controller asks for in them, and the largest motion."""
 
 import numpy as np
 
@@ -15,6 +15,12 @@ def current_reached(problem: Problem) -> float:
     """Largest deviation, A, of the command from its mean in any recording; 1 A where there is no controller."""
     most = max((_command(part.record) for part in problem.parts), default=0.0)
     return most or 1.0
+
+
+def motion_reached(problem: Problem) -> float:
+    """Largest deviation, m, of the displacement from its mean in any recording."""
+    series = [part.record.series["displacement"] for part in problem.parts]
+    return max(float(np.max(abs(y - y.mean(axis=1, keepdims=True)))) for y in series)
 
 
 def _command(record: Record | OpenRecord) -> float:

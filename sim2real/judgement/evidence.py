@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import effect_value
 from sim2real.compared.problem import KINDS
+from sim2real.compared.reached import motion_reached
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.judgement.lost_commands import scatter_cost
@@ -69,9 +70,11 @@ def evidence_of(
     label = label.reshape(-1)
     residuals = [c.fit.residual for c in attribution.candidates]
     points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
-    rig = p.parts[0].record.nominal
-    beside = [scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig)
-              for c, at in zip(attribution.candidates, points, strict=True)]  # fmt: skip
+    rig, motion = p.parts[0].record.nominal, motion_reached(p)
+    beside = [
+        scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig, motion)
+        for c, at in zip(attribution.candidates, points, strict=True)
+    ]
     cost = np.array([
         np.inf if c.contradicted else c.predictive + more
         for c, more in zip(attribution.candidates, beside, strict=True)

@@ -1,8 +1,8 @@
 """Parameters at which an effect is no longer what its name says.
 
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
-that no bench has: a support that drives the rotor instead of damping it, or a mode so strongly damped that it has no
-resonance.
+that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
+resonance, or a stop that touches wherever the rotor is.
 """
 
 import numpy as np
@@ -12,18 +12,24 @@ from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import RESONANCES
 
 NO_RESONANCE = 0.3  # damping ratio; supports and mounts of metal, rubber or print have 0.2 at most
+STOP, FREE_PLAY = "soft_stop", 0.02  # share of the motion within which a stop must leave the rotor alone
 
 
-def meaningless_cost(fit: Fit, rig: Rig) -> float:
+def meaningless_cost(fit: Fit, rig: Rig, motion: float) -> float:
     """Cost of parameters that contradict the meaning of their effect; inf where the effect is none there.
 
     Args:
         fit: A fitted hypothesis.
         rig: The nominal rig.
+        motion: Largest displacement from the mean in any recording, m.
     """
     point = fit.hypothesis.point(fit.u)
     ratios = [point.effects[name]["damping_ratio"] for name in fit.hypothesis.effects if name in RESONANCES]
-    return np.inf if max(ratios, default=0.0) >= NO_RESONANCE else _driving_cost(fit, rig)
+    if max(ratios, default=0.0) >= NO_RESONANCE:
+        return np.inf
+    if STOP in fit.hypothesis.effects and point.effects[STOP]["distance"] < FREE_PLAY * motion:
+        return np.inf
+    return _driving_cost(fit, rig)
 
 
 def _driving_cost(fit: Fit, rig: Rig) -> float:
