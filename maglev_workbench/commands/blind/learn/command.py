@@ -15,7 +15,7 @@ COUNT = 240
 @app.command(epilog="Example: maglev blind learn lessons --seed 9600 --out judge.json")
 @friendly
 def learn(
-    folder: Annotated[Path, typer.Argument(help="Folder of the set, made there if there is none.")],
+    lessons: Annotated[Path, typer.Argument(help="Folder of the set, made there if there is none.")],
     seed: SetSeedOption,
     out: Annotated[Path, typer.Option(help="File of the judge.")],
     count: CountOption = COUNT,
@@ -32,13 +32,13 @@ def learn(
     from maglev_workbench.commands.blind import sealed_set
 
     with workers(scheduler, processes) as spread:
-        if (folder / sealed_set.SET).exists():
-            made = sealed_set.made_of(folder)
+        if (lessons / sealed_set.SET).exists():
+            made = sealed_set.made_of(lessons)
             if (made["count"], made["seed"]) != (count, seed):
-                raise ValueError(f"{folder} holds {made['count']} campaigns of seed {made['seed']}; choose another one")
+                raise ValueError(f"{lessons} holds {made['count']} campaigns of seed {made['seed']}; choose another one")
         else:
-            sealed_set.generate(folder, count, seed, processes, benchmark=True, oracle=False)
-        sealed_set.answer(folder, processes, spread)
+            sealed_set.generate(lessons, count, seed, processes, benchmark=True, oracle=False)
+        sealed_set.answer(lessons, processes, spread)
     from maglev_workbench.commands.blind.learn.learning import learn_folder
 
-    learn_folder(folder, out, json_file)
+    learn_folder(lessons, out, json_file)
