@@ -21,6 +21,7 @@ class Said:
         if campaign.name == "c0005":
             raise RuntimeError("broke | here")
         self.found = int(campaign.name[1:]) % 2 == 1
+        self.evidence = None
 
     def to_json(self):
         name = "delay" if self.found else "none"

@@ -35,7 +35,9 @@ def learn(
         if (lessons / sealed_set.SET).exists():
             made = sealed_set.made_of(lessons)
             if (made["count"], made["seed"]) != (count, seed):
-                raise ValueError(f"{lessons} holds {made['count']} campaigns of seed {made['seed']}; choose another one")
+                raise ValueError(
+                    f"{lessons} holds {made['count']} campaigns of seed {made['seed']}; choose another one"
+                )
         else:
             sealed_set.generate(lessons, count, seed, processes, benchmark=True, oracle=False)
         sealed_set.answer(lessons, processes, spread)
