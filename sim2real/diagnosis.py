@@ -25,6 +25,7 @@ from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
 from sim2real.judgement.belief import shipped
 from sim2real.judgement.borne_out import borne_out, shows_nothing, without
+from sim2real.judgement.commands_seen import SEEN, seen_lost
 from sim2real.judgement.drift import DRIFT, Drift, drift_of
 from sim2real.judgement.evidence import Evidence, evidence_of
 from sim2real.judgement.judge import Entry, allowance, entries
@@ -182,6 +183,8 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
     tones, causes = evidence(seen), vibration_costs(fitted, seen, near)
     if drift is not None:
         tones[DRIFT], causes[DRIFT] = drift.chi2, {"gain_drift": drift.left}
+    if lost := seen_lost(fitted):
+        tones[SEEN] = lost
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes)
     found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)

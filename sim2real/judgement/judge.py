@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.judgement.belief import Belief, Judge, channels_of, shipped
+from sim2real.judgement.commands_seen import SEEN
 from sim2real.judgement.drift import DRIFT
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.lost_commands import LOST
@@ -16,7 +17,8 @@ from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_o
 WIDE_FORM = 0.01
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 HOPELESS = 1e4  # ratio of probabilities from which on the smaller one does not matter
-OPEN = (FOREIGN, LOUD, DRIFT)  # families of what varies over the periods that need not have a known cause
+OPEN = (FOREIGN, LOUD, DRIFT, SEEN)  # families of what varies over time that need not have a known cause
+OF_LOST = (LOUD, SEEN)  # those that lost commands explain
 
 
 @dataclass(frozen=True)
@@ -188,7 +190,7 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
         if key not in found or row[1] < found[key][1]:
             found[key] = row
 
-    quiet = {family: weight for family, weight in evidence.tones.items() if family != LOUD}
+    quiet = {family: weight for family, weight in evidence.tones.items() if family not in OF_LOST}
     of_tones, without_bands = _named(evidence.tones, evidence), _named(quiet, evidence)
     for names, cost, prior, candidate in rows:
         base = () if candidate is None else evidence.effects[candidate]
@@ -228,7 +230,7 @@ def _unnamed(names: tuple[str, ...], evidence: Evidence) -> float:
     """What these effects leave of what the OPEN families weigh."""
     left = 0.0
     for family in (f for f in OPEN if f in evidence.tones):
-        causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family == LOUD else {})}
+        causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family in OF_LOST else {})}
         left += min([evidence.tones[family], *(off for effect, off in causes.items() if effect in names)])
     return left
 

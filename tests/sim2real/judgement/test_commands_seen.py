@@ -1,0 +1,60 @@
+"""Lost commands in the current: seen where they are, and never in a lag, a delay, a limit or noise."""
+
+import numpy as np
+import pytest
+
+from sim2real.judgement.commands_seen import LEAST, _likelier
+
+RATE, SAMPLES, TIME = 2000.0, 4000, 8e-4
+KEEPS = np.exp(-1 / RATE / TIME)
+
+
+def command(rng):
+    time = np.arange(SAMPLES) / RATE
+    return 0.3 * np.sin(2 * np.pi * 7 * time**1.5) + 0.02 * rng.standard_normal(SAMPLES)
+
+
+def amplified(sent, rng, noise):
+    current, i = np.empty(SAMPLES), 0.0
+    for k, u in enumerate(sent):
+        current[k] = i
+        i = KEEPS * i + (1 - KEEPS) * u
+    return current + noise * rng.standard_normal(SAMPLES)
+
+
+def with_lost(u, lost, rng):
+    sent, last = np.empty_like(u), u[0]
+    for k, now in enumerate(u):
+        last = last if rng.random() < lost else now
+        sent[k] = last
+    return sent
+
+
+@pytest.mark.parametrize("lost", [0.03, 0.25])
+@pytest.mark.parametrize("noise", [2e-4, 1e-3])
+def test_what_is_lost_is_seen(lost, noise):
+    rng = np.random.default_rng(3)
+    u = command(rng)
+    assert _likelier(amplified(with_lost(u, lost, rng), rng, noise), u) > LEAST
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 3e-3, 0.1])
+@pytest.mark.parametrize("kind", ["nothing", "delay", "lag", "limit", "noisy command", "dead band"])
+def test_nothing_else_seems_lost(kind, noise):
+    rng = np.random.default_rng(4)
+    u = command(rng)
+    sent = {
+        "nothing": u,
+        "delay": 0.6 * u + 0.4 * np.concatenate([u[:1], u[:-1]]),
+        "lag": np.convolve(u, 0.5 ** np.arange(1, 12))[:SAMPLES],
+        "limit": np.clip(u, -0.15, 0.15),
+        "noisy command": u + 0.02 * rng.standard_normal(SAMPLES),
+        "dead band": u - 0.01 * np.tanh(u / 0.01),
+    }[kind]
+    assert _likelier(amplified(sent, rng, noise), u) < LEAST
+
+
+def test_a_current_or_a_command_that_stands_still_shows_nothing():
+    rng = np.random.default_rng(5)
+    assert _likelier(np.zeros(SAMPLES), command(rng)) == _likelier(command(rng), np.zeros(SAMPLES)) == 0.0
+    assert _likelier(command(rng)[:50], command(rng)[:50]) == 0.0
