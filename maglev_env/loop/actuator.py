@@ -71,7 +71,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "actuator",
         {
             "strength": Parameter("", 0.0, 0.9, scale=0.05, starts=(0.05, 0.3)),
-            "width": Parameter("A", 1e-4, 1e4, 0.1, starts=(0.01, 0.05, 0.2)),
+            "width": Parameter("A", 1e-4, 1e4, 0.1, starts=(0.01, 0.05, 0.2), sought=100.0),
             "power": Parameter("", 0.2, 20.0, 1.0, shape=0.6),
             "unloading": Parameter("", -1.0, 1.0, 1.0, scale=1.0, shape=1.0),
         },

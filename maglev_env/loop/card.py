@@ -66,6 +66,7 @@ class Parameter:
             not a coordinate of the form.
         centre: value at which the prior of a form is centred, where that is not the default.
         within_bias: a fit keeps its size below the bias current of the rig.
+        sought: how far a fit goes, where that is less than the upper bound.
         beyond_rest: a fit keeps it above the current with which a single magnet carries the weight, and the prior of
             its reciprocal is as wide as that allows.
         needs: what a rig must have for this parameter to mean anything, beside what its effect needs.
@@ -82,6 +83,7 @@ class Parameter:
     shape: float | None = None
     centre: float | None = None
     within_bias: bool = False
+    sought: float = inf
     beyond_rest: bool = False
     needs: tuple[Need, ...] = ()
 

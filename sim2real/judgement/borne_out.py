@@ -14,6 +14,7 @@ from sim2real.search.candidates import NO_GAP, Attribution
 from sim2real.search.hypotheses import WIDER
 
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout
+PLAINLY = 2.0  # chi-square per degree of freedom on the fitted recordings that is a gap whatever the holdout shows
 CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: what is named must then leave less
 
 
@@ -49,10 +50,11 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
 def shows_nothing(judged: Problem, attribution: Attribution) -> bool:
     """Whether calibration, within what the rig states, leaves no more of the holdout than noise does.
 
-    What other explanations save on the fitted recordings is then no evidence of an effect, known or unknown.
+    What other explanations save on the fitted recordings is then no evidence of an effect, known or unknown, unless
+    calibration leaves several times the noise of these: the holdout then shows too little.
     """
     fit = attribution.calibration.fit
-    if not np.isfinite(fit.cost) or not _as_stated(attribution):
+    if not np.isfinite(fit.cost) or not _as_stated(attribution) or fit.cost > PLAINLY * attribution.expected:
         return False
     left = judged.data - judged.simulate([fit.hypothesis.point(fit.u)])[0]
     likely = 2.0 * left.size + SIGNIFICANT * NOISE_INFLATION * np.sqrt(4.0 * left.size)

@@ -67,7 +67,7 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
     own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if not scales.lacks.intersection(p.needs))
     # A zero that is off by more than the bias current would leave one magnet of a pair without any.
     most = ((key, p, scales.bias if p.within_bias else inf) for key, p in own)
-    return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, end)) for key, p, end in most)
+    return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, p.sought, end)) for key, p, end in most)
 
 
 # Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.shapes import shapes_of
 
 WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
@@ -31,12 +32,16 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     behind = least + WITHIN * (unexplained - least) if np.isfinite(unexplained) else 2.0 * least
     able = [f for f in fits if enough <= f.cost <= behind and np.isfinite(f.cost) and _free(f) != f.hypothesis.shaped]
     tried = sorted(able, key=lambda f: f.cost)[:most]
-    hypotheses = [replace(f.hypothesis, shaped=_free(f)) for f in tried]
-    starts = [_extended(f, h.calibrated) for f, h in zip(tried, hypotheses, strict=True)]
-    freed = begin(hypotheses, starts, problem.data, problem.simulate)
-    pairs = [(f, new) for f, new in zip(tried, freed, strict=True) if np.isfinite(new.cost)]
-    differentiate([new for _, new in pairs], problem.data, problem.simulate, True)
-    pairs = [(f, new) for f, new in pairs if new.cost - _promised(new) < f.cost - LEAST]
+    jobs = [(f, h, u) for f in tried for h in [replace(f.hypothesis, shaped=_free(f))] for u in _starts(f, h)]
+    freed = begin([h for _, h, _ in jobs], [u for *_, u in jobs], problem.data, problem.simulate)
+    standing = [(f, new) for (f, *_), new in zip(jobs, freed, strict=True) if np.isfinite(new.cost)]
+    differentiate([new for _, new in standing], problem.data, problem.simulate, True)
+    pairs = []
+    for f in tried:
+        own = [(new.cost - _promised(new), new) for fit, new in standing if fit is f]
+        hoped, new = min(own, key=lambda each: each[0], default=(np.inf, None))
+        if new is not None and hoped < f.cost - LEAST:
+            pairs.append((f, new))
     iterate([new for _, new in pairs], problem.data, problem.simulate, STEPS)
     better = {id(f): new for f, new in pairs if new.cost + new.occam < f.cost + f.occam}
     return [better.get(id(f), f) for f in fits]
@@ -45,6 +50,23 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
 def _free(fit: Fit) -> tuple[str, ...]:
     """Effects of a fit that have other forms."""
     return tuple(name for name in fit.hypothesis.effects if shapes_of(name, fit.hypothesis.scales))
+
+
+def _starts(fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
+    """Coordinates at which a fit of other forms may start: its own, and with each form moved by a standard deviation.
+
+    About the plain formula a form may do nothing yet, or be at its bound.
+    """
+    first, found = len(freed.coordinates), [_extended(fit, freed.calibrated)]
+    for i, name in enumerate(freed.calibrated, first):
+        if name in freed.shapes and not np.isinf(freed.shapes[name].parameter.default):
+            for moved in (-1.0, 1.0):
+                u = found[0].copy()
+                u[i] += moved
+                bounded = freed.bounded(u)
+                if abs(bounded[i] - found[0][i]) > 0.5:
+                    found.append(bounded)
+    return found
 
 
 def _extended(fit: Fit, calibrated: Sequence[str]) -> np.ndarray:
