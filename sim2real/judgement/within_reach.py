@@ -22,7 +22,7 @@ LIMITED: Mapping[str, tuple[str, ...]] = {
     "hysteresis": ("width",),
 }
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
-SHOWN = 0.05  # share of what the effect saves, at least, that its limit must save
+SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
 
 
 def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
@@ -55,4 +55,4 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
     gradient = real_product(jacobian, linear) - prior * u
     followed = gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient
     cost = float(np.vdot(linear, linear).real + prior @ u**2 - followed)
-    return cost - fit.cost > SHOWN * (without - fit.cost)
+    return cost - fit.cost > max(SHOWN * (without - fit.cost), SURELY)

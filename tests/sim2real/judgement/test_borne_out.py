@@ -53,9 +53,17 @@ def test_the_probability_of_what_is_refuted_goes_to_the_others():
 
 
 @pytest.mark.parametrize(
-    ("gap", "mass", "nothing"), [(1.0, 0.5, True), (1.2, 0.5, True), (1.35, 0.5, False), (1.0, 9.0, False)]
+    ("gap", "mass", "fitted", "nothing"),
+    [
+        (1.0, 0.5, 1.1, True),
+        (1.2, 0.5, 1.1, True),
+        (1.35, 0.5, 1.1, False),
+        (1.0, 9.0, 1.1, False),
+        (1.0, 0.5, 5.0, False),  # what was fitted shows a gap
+    ],
 )
-def test_a_holdout_that_calibration_simulates_to_its_noise_shows_nothing(gap, mass, nothing):
+def test_a_holdout_that_calibration_simulates_to_its_noise_shows_nothing(gap, mass, fitted, nothing):
     holdout, _ = judged(gap, gap)
-    weighed = Fit(Hypothesis((), {"mass": 0.01}), np.array([mass]), np.zeros(1), 1.0)
-    assert shows_nothing(holdout, SimpleNamespace(calibration=SimpleNamespace(fit=weighed))) == nothing
+    weighed = Fit(Hypothesis((), {"mass": 0.01}), np.array([mass]), np.zeros(1), fitted * 40.0)
+    attribution = SimpleNamespace(calibration=SimpleNamespace(fit=weighed), expected=40.0)
+    assert shows_nothing(holdout, attribution) == nothing
