@@ -102,3 +102,18 @@ def test_what_contradicts_the_rig_is_said_and_never_a_partial_explanation():
     assert said.startswith("mass -33 % would fit better") and "the rig states mass to within 0.2 %" in said
     assert best_partial(found, None) is late is best_partial(found, 2)
     assert best_partial(found, 3) is calibration  # a damping that explains nothing
+
+
+def test_beside_another_effect_a_stated_parameter_stays_within_what_the_rig_states():
+    """Alone it may say that the tolerance is wrong; in a pair it ends where it begins to contradict it."""
+    alone, beside = (Hypothesis(names, {"mass": 0.002}) for names in (("mass",), ("mass", "damping")))
+    assert alone.point(np.array([-3.3])).effects["mass"]["change"] == pytest.approx(-0.33)
+    u = beside.bounded(np.array([-3.3, 0.0]))
+    assert beside.point(u).effects["mass"]["change"] == pytest.approx(-0.03)
+    assert beside.contradicted(u) == ("mass",)
+    assert beside.contradicted(np.array([-0.29, 0.0])) == ()
+
+
+def test_a_stated_parameter_that_moved_far_beside_an_effect_is_told():
+    h = Hypothesis(("damping",), {"mass": 0.002, "probe_gain": 0.01})
+    assert h.strained(np.array([1.0, 2.9, -3.1])) == {"probe_gain": pytest.approx(9.61)}
