@@ -185,7 +185,7 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
         tones[DRIFT], causes[DRIFT] = drift.chi2, {"gain_drift": drift.left}
     if lost := seen_lost(fitted):
         tones[SEEN] = lost
-    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes)
+    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes, drift)
     found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)
     excused = allowance(evidenced)

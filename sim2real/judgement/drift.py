@@ -13,7 +13,7 @@ from sim2real.judgement.dispersion import dispersion_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
-from sim2real.search.fitting import Fit, real_product
+from sim2real.search.fitting import Fit, cost_of, real_product
 
 DRIFT = "drift"
 LEAST = 4  # periods below which a trend cannot be told from noise
@@ -94,13 +94,9 @@ def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None
 def _over_time(problem: Problem, fit: Fit, point: Point) -> tuple[float, float, float, float] | None:
     """As `_slope`, of all recordings without a period together: what a gain that grows with time explains of the fit's
     residual where all parameters of the fit follow, to first order."""
-    places = [part.place for part in problem.parts if isinstance(part.record, OpenRecord)]
-    if not places or fit.jacobian is None or not problem.parts[0].record.nominal.controlled:
+    if fit.jacobian is None or not problem.parts[0].record.nominal.controlled:
         return None
-    steady, drifting = problem.simulate([point, replace(point, effects={**point.effects, "gain_drift": _rising(STEP)})])
-    whole, change = (drifting - steady) / STEP, np.zeros(fit.residual.size, complex)
-    for place in places:
-        change[place] = whole[place]
+    change = _by_rate(problem, point, STEP) / STEP
     if not np.isfinite(change).all() or not change.any():
         return None
     cross, inverse = real_product(fit.jacobian, change), fit.covariance()
@@ -112,6 +108,30 @@ def _over_time(problem: Problem, fit: Fit, point: Point) -> tuple[float, float, 
         return None
     rate, sd = float(along / own), float(np.sqrt(spread / own))
     return rate, sd, (rate / sd) ** 2, 0.0
+
+
+def without_drift(problem: Problem, fit: Fit, rate: float) -> Fit:
+    """A fit, to first order, with a gain that grows by `rate` (1/s) in the recordings without a period; the fit itself
+    where that cannot be simulated or its Jacobian is not known."""
+    change = _by_rate(problem, fit.hypothesis.point(fit.u), rate)
+    if fit.jacobian is None or not np.isfinite(change).all():
+        return fit
+    residual = fit.residual - change
+    moved = fit.covariance() @ (real_product(fit.jacobian, residual) - fit.prior * fit.u)
+    residual = residual - moved @ fit.jacobian
+    return replace(fit, u=fit.u + moved, residual=residual, cost=cost_of(residual, fit.u + moved, fit.prior))
+
+
+def _by_rate(problem: Problem, point: Point, rate: float) -> np.ndarray:
+    """Change of the prediction (K,) of recordings without a period by a gain that grows at a rate, 1/s."""
+    change = np.zeros(problem.data.size, complex)
+    places = [part.place for part in problem.parts if isinstance(part.record, OpenRecord)]
+    if places:
+        rising = replace(point, effects={**point.effects, "gain_drift": _rising(rate)})
+        steady, drifting = problem.simulate([point, rising])
+        for place in places:
+            change[place] = (drifting - steady)[place]
+    return change
 
 
 def _rising(rate: float) -> dict[str, float]:

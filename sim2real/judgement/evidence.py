@@ -10,6 +10,7 @@ from sim2real.compared.problem import KINDS
 from sim2real.compared.reached import motion_reached
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
+from sim2real.judgement.drift import Drift, without_drift
 from sim2real.judgement.lost_commands import scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
@@ -61,40 +62,28 @@ def evidence_of(
     tones: Mapping[str, float],
     spin: Mapping[str, float],
     causes: Mapping[str, Mapping[str, float]],
+    drift: Drift | None = None,
 ) -> Evidence:
-    """The evidence of fitted candidates, of tones (see `unsynchronised`) and of trends (see `drift`)."""
-    p = attribution.problem
+    """The evidence of fitted candidates, of tones (see `unsynchronised`) and of trends (see `drift`).
+
+    What the best candidate leaves is counted beside a drift of the gain, which has a weight of its own.
+    """
+    p, candidates = attribution.problem, attribution.candidates
+    cost = _costs(attribution)
+    residuals = [c.fit.residual for c in candidates]
+    if not np.isfinite(attribution.calibration.fit.cost):
+        residuals[0] = p.opened_residual()  # no rotor levitates without an effect
+    at = int(np.argmin(cost))
+    best = candidates[at].fit
+    if drift is not None and np.isfinite(cost[at]):
+        best = without_drift(p, best, drift.rate)
+        residuals[at] = best.residual
     octave = np.floor(np.log2(np.maximum(p.frequency, 1e-9))).astype(int)
     rows = np.stack([p.output, p.kind, octave], axis=1)
     names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
-    label = label.reshape(-1)
-    residuals = [c.fit.residual for c in attribution.candidates]
-    points = [c.fit.hypothesis.point(c.fit.u) for c in attribution.candidates]
-    rig, motion = p.parts[0].record.nominal, motion_reached(p)
-    beside = [
-        scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig, motion)
-        for c, at in zip(attribution.candidates, points, strict=True)
-    ]
-    cost = np.array([
-        np.inf if c.contradicted else c.predictive + more
-        for c, more in zip(attribution.candidates, beside, strict=True)
-    ])  # fmt: skip
-    for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
-        if cost[i] > cost.min() + NEAR_BEST:
-            break
-        fit = attribution.candidates[i].fit
-        if acts_on_one_line(p, fit) or not all(
-            shows_limit(p, fit, name, attribution.without(i, name)) for name in LIMITED
-        ):
-            cost[i] = np.inf
-    if not np.isfinite(
-        attribution.calibration.fit.cost
-    ):  # no rotor levitates without an effect: use the gap of the opened nominal loop
-        residuals[0] = p.opened_residual()
-    best = attribution.candidates[int(np.argmin(cost))].fit
-    excess = [np.bincount(label, abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
+    excess = [np.bincount(label.reshape(-1), abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
     return Evidence(
-        tuple(c.effects for c in attribution.candidates),
+        tuple(c.effects for c in candidates),
         cost,
         attribution.nominal,
         np.array(excess),
@@ -103,9 +92,30 @@ def evidence_of(
         dict(tones),
         dict(spin),
         dict(causes),
-        NOISE_ALONE if not np.isfinite(cost.min()) or best.jacobian is None else dispersion_of(p, best),
-        np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in attribution.candidates]),
+        NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
+        np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in candidates]),
     )
+
+
+def _costs(attribution: Attribution) -> np.ndarray:
+    """Predictive cost of each candidate with what its parameters contradict, as `Evidence.cost`."""
+    p, candidates = attribution.problem, attribution.candidates
+    rig, motion = p.parts[0].record.nominal, motion_reached(p)
+    cost = np.full(len(candidates), np.inf)
+    for i, c in enumerate(candidates):
+        if not c.contradicted:
+            at = c.fit.hypothesis.point(c.fit.u)
+            beside = scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig)
+            cost[i] = c.predictive + beside + meaningless_cost(c.fit, rig, motion)
+    for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
+        if cost[i] > cost.min() + NEAR_BEST:
+            break
+        fit = candidates[i].fit
+        if acts_on_one_line(p, fit) or not all(
+            shows_limit(p, fit, name, attribution.without(int(i), name)) for name in LIMITED
+        ):
+            cost[i] = np.inf
+    return cost
 
 
 def idle_cost(point: Point, names: Sequence[str]) -> float:
