@@ -136,7 +136,7 @@ def _by_rate(problem: Problem, point: Point, rate: float) -> np.ndarray:
 
 def _rising(rate: float) -> dict[str, float]:
     """The parameters of the effect gain_drift for a steady rate, 1/s."""
-    return {"rate": rate, "depth": 0.0, "frequency": 1.0, "phase": 0.0}
+    return {"rate": rate}
 
 
 def _by_gain(part: Part, point: Point) -> np.ndarray:
