@@ -141,22 +141,19 @@ def smoothed_alike(
         at: coordinates (outputs, axes, n) there.
 
     Returns:
-        Name -> change of the coordinates (outputs, axes, n) for one standard deviation of what is not known of the
-        drive between its samples; none where that is held or stated, or where the log is not slower than the
-        controller.
+        Name -> change of the coordinates (outputs, axes, n) for one standard deviation of each term of what undoes
+        that filter.
     """
-    if not record.slower_than_controller:
-        return {}  # a log of what the controller itself read has no filter of its own
     found = {}
-    shapes = {e.order: e for e in record.errors if e.shape and e.channel == record.source}
-    for order, error in shapes.items():
+    for order, size in record.smoothed.items():
         # Of this sign the filter's inverse is at least 1 at every frequency.
-        sharper = replace(error, shape=SMALL * error.shape * (-1.0 if order % 4 == 2 else 1.0))
+        shape = SMALL * size * (-1.0 if order % 4 == 2 else 1.0)
+        sharper = ChannelError(f"filter of the log (order {order})", record.source or "", shape=shape, order=order)
         waves = {**record.waves, "current": _sharpened(record, record.waves["current"], sharper)}
         series = simulated_series(replace(record, waves=waves), lanes)[0]
         if np.isfinite(series).all():
             change = coordinates_of(record, loop, outputs, _filtered(record, series, sharper)) - at
-            found[f"filter of the log (order {order})"] = change / SMALL
+            found[sharper.name] = change / SMALL
     return found
 
 

@@ -21,7 +21,7 @@ CLEAR = 10.0  # power along the instruments over that of the noise, from which a
 
 def has_instruments(channels: Mapping[str, np.ndarray]) -> bool:
     """Whether channels -> (axes, samples) hold a reference, an injection or a force that varies."""
-    return len(_varying(channels, 0)) > 0
+    return len(varying(channels, 0)) > 0
 
 
 def along_instruments(record: OpenRecord, channels: Mapping[str, np.ndarray], top: float) -> OpenRecord | None:
@@ -32,7 +32,7 @@ def along_instruments(record: OpenRecord, channels: Mapping[str, np.ndarray], to
         channels: channel -> (axes, samples) of the simulated part.
         top: highest frequency that is compared, Hz.
     """
-    known = _varying(channels, record.first)
+    known = varying(channels, record.first)
     return compared_along(record, known, top) if len(known) else None
 
 
@@ -56,7 +56,7 @@ def compared_along(record: OpenRecord, known: np.ndarray, top: float) -> OpenRec
     return replace(record, windows=windows, told=(clear[:, None] & along).reshape(-1), instrument=spectra)
 
 
-def _varying(channels: Mapping[str, np.ndarray], first: int) -> np.ndarray:
+def varying(channels: Mapping[str, np.ndarray], first: int) -> np.ndarray:
     """Series (inputs, samples) of the channels that are free of noise and vary from a sample on."""
     known = [s for name in ("reference", "injection", "force") if name in channels for s in channels[name]]
     return np.array([s for s in known if np.ptp(s[first:]) > 0])
