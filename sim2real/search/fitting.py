@@ -87,7 +87,18 @@ class Fit:
 
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (size, size)."""
-        return np.linalg.pinv(self.normal, hermitian=True)
+        return inverse(self.normal)
+
+
+def inverse(normal: np.ndarray) -> np.ndarray:
+    """Pseudo-inverse of a normal matrix (size, size), whose coordinates may be told to very different accuracies.
+
+    One that is told a billion times better than another would count as all of the matrix, and the other as known.
+    """
+    size = np.sqrt(np.diag(normal))
+    size = np.where(size > 0, size, 1.0)
+    scale = np.outer(size, size)
+    return np.linalg.pinv(normal / scale, hermitian=True) / scale
 
 
 def real_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -262,7 +273,7 @@ def _solved(fit: Fit, normal: np.ndarray, gradient: np.ndarray, damping: float) 
     while True:
         step = np.zeros_like(gradient)
         at = np.flatnonzero(inside)
-        step[at] = np.linalg.lstsq(normal[np.ix_(at, at)], gradient[at], rcond=None)[0]
+        step[at] = inverse(normal[np.ix_(at, at)]) @ gradient[at]
         nudged = fit.u + EDGE * np.sign(step)
         crossed = inside & (step != 0) & (fit.hypothesis.bounded(nudged) == fit.u)
         if not crossed.any():
