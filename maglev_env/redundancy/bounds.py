@@ -179,7 +179,8 @@ def _of_one_coil(rig: Rig, current: np.ndarray) -> str:
     mean, bias = float(current.mean()), rig.bias_current
     if not bias or abs(abs(mean) - bias) > OF_ONE_COIL * bias:
         return ""
-    return f" (the mean current is the bias, as in one coil: offset = {-np.copysign(bias, mean):.3g} A more makes it the deviation)"
+    more = f"{-np.copysign(bias, mean):.3g}"
+    return f" (the mean current is the bias, as in one coil: offset = {more} A more makes it the deviation)"
 
 
 def _apart(off: np.ndarray, level: float, least: float, unit: str) -> tuple[str, str, float] | None:
