@@ -11,6 +11,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.kernel.replay import look_at_replays, replayed
 from maglev_env.kernel.simulate import Block
 from sim2real.recorded.channel_errors import ChannelError
+from sim2real.recorded.noise_response import NoiseResponse
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
@@ -41,6 +42,7 @@ class Replay:
     record: OpenRecord
     loop: Loop
     outputs: tuple[str, ...]
+    response: NoiseResponse | None = None  # to noise in its drive; None: it is not told
 
 
 def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[np.ndarray]:
@@ -51,7 +53,8 @@ def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[
 
     def look(which: int, lane: int, series: np.ndarray) -> None:
         own = replays[which]
-        found[which][lane] = coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
+        moved = coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
+        found[which][lane] = moved if own.response is None else own.response.without(moved)
 
     look_at_replays(lanes, [own.record.drive for own in replays], look)
     return found
