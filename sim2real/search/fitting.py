@@ -21,6 +21,7 @@ REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and the factor 
 # A fit is abandoned when it is far behind the best: steps before this is tested, share of the best saving that it may
 # be behind, factor on that share per step, and cost that it may be behind in any case.
 PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
+NOT_TOLD = 1e6  # coordinates: standard error of one that nothing tells
 HOPE = 2.0  # times what a linear prediction promises that a fit may still gain
 
 
@@ -88,6 +89,11 @@ class Fit:
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (size, size)."""
         return inverse(self.normal)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard errors (size,) by the curvature; NOT_TOLD where that is none, as where the rotor falls beside."""
+        return np.where(np.diag(self.normal) > 0, np.sqrt(np.diag(self.covariance())), NOT_TOLD)
 
 
 def inverse(normal: np.ndarray) -> np.ndarray:
