@@ -25,7 +25,7 @@ from sim2real.recorded.drive.drive import Drive, Driving, drive_of
 from sim2real.recorded.drive.fed_back import fed_back
 from sim2real.recorded.drive.innovation import along_innovations
 from sim2real.recorded.drive.instrument import along_instruments
-from sim2real.recorded.drive.log_filter import WITHIN, corner_of_log, smoothing
+from sim2real.recorded.drive.log_filter import WITHIN, corner_of_log, in_words, smoothing
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
@@ -159,7 +159,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     errors = (*record.errors, *_untold(spec, drive, found is not None))
     if found is not None:
         note = f"only what goes {what} is compared, because it is free of the noise that the controller fed back"
-        notes = (*record.notes, note, *_smoothed_in_words(corner, top, record.windows.sample_rate))
+        notes = (*record.notes, note, *in_words(corner, top, TOP * record.windows.sample_rate))
         smoothed = {} if drive.held else smoothing(record, SHAPED, corner)
         return replace(found, errors=errors, smoothed=smoothed, notes=notes)
     smoothed = {} if drive.held else smoothing(record, STRAIGHT, corner)
@@ -228,16 +228,6 @@ def _led_in(series: np.ndarray, samples: int) -> np.ndarray:
     """Series (axes, n) after a smooth rise from zero, (axes, samples + n): the simulated rotor starts at the centre."""
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(samples) / max(samples, 1))
     return np.concatenate([series[:, :1] * rise, series], axis=1)
-
-
-def _smoothed_in_words(corner: float | None, top: float, rate: float) -> tuple[str, ...]:
-    """What is said of a log whose own filter leaves less to compare than its rate does."""
-    if corner is None or top >= TOP * rate:
-        return ()
-    return (
-        f"the noise of the displacement shows that the log is low-passed at about {corner:.2g} Hz: only up to "
-        f"{top:.2g} Hz is compared; state it as filter of the channels, or log with a higher corner",
-    )
 
 
 def _stated(spec: RecordingSpec, channel: str) -> list[ChannelSource]:

@@ -82,6 +82,16 @@ def smoothing(record: OpenRecord, usual: Mapping[int, float], corner: float | No
     return {order: max(size * step**order, told.get(order, 0.0)) for order, size in usual.items()}
 
 
+def in_words(corner: float | None, top: float, usual: float) -> tuple[str, ...]:
+    """What is said of a log whose filter of this corner leaves less to compare, up to `top`, than is usual, Hz."""
+    if corner is None or top >= usual:
+        return ()
+    return (
+        f"the noise of the displacement shows that the log is low-passed at about {corner:.2g} Hz: only up to "
+        f"{top:.2g} Hz is compared; state it as filter of the channels, or log with a higher corner",
+    )
+
+
 def log_corner(series: np.ndarray, moved: float, level: float) -> float | None:
     """Corner, in cycles per sample, of the low-pass that the noise of a log (samples,) shows; None where none shows.
 
