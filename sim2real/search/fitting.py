@@ -279,7 +279,7 @@ def _solved(fit: Fit, normal: np.ndarray, gradient: np.ndarray, damping: float) 
     while True:
         step = np.zeros_like(gradient)
         at = np.flatnonzero(inside)
-        step[at] = inverse(normal[np.ix_(at, at)]) @ gradient[at]
+        step[at] = np.linalg.lstsq(normal[np.ix_(at, at)], gradient[at], rcond=None)[0]
         nudged = fit.u + EDGE * np.sign(step)
         crossed = inside & (step != 0) & (fit.hypothesis.bounded(nudged) == fit.u)
         if not crossed.any():
