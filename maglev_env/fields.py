@@ -1,5 +1,7 @@
 """Fields of dataclasses that are read from TOML files: units, physical ranges, and messages that name the error."""
 
+import re
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, field, fields
 from math import isfinite
@@ -7,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 MAX_FILE_BYTES = 1_000_000  # of a TOML file
+_AT_LINE = re.compile(r"at line (\d+)")
 
 
 def is_number(value: Any) -> bool:
@@ -61,6 +64,24 @@ def toml_text(path: Path, kind: str) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def toml_tables(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        ValueError: It is not TOML; the message shows the line, which most often holds a number as nobody else minds it.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        lines, at = text.splitlines(), _AT_LINE.search(str(error))
+        if at is None or not 0 < int(at[1]) <= len(lines):
+            raise
+        raise ValueError(
+            f"{error}: {lines[int(at[1]) - 1].strip()!r}; numbers are written 0.05 or 5.0, with a point and a digit on "
+            "either side of it, and texts in quotes"
+        ) from error
 
 
 def table_as(cls: type, data: Mapping[str, Any], name: str) -> Any:

@@ -134,7 +134,7 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
     """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
     h, lack = fit.hypothesis, misfit(fit)
     factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
-    by_curvature = bounded_spread(fit, np.sqrt(np.diag(fit.covariance())))
+    by_curvature = bounded_spread(fit, fit.spread)
     sd = standard_errors(by_curvature, fit, others)
     by_chance = standard_errors(by_curvature, fit, others, CHANCE)
     if any(c.effect == "actuator_gain" and s * c.scale > WEAK for c, s in zip(h.coordinates, by_chance, strict=False)):

@@ -10,7 +10,7 @@ from itertools import chain, combinations
 import numpy as np
 from scipy import optimize, stats
 
-from sim2real.search.fitting import Fit
+from sim2real.search.fitting import Fit, inverse
 
 REACH = float(stats.norm.isf(0.025))  # standard errors to the end of a 95 % interval
 FARTHEST = 1e6  # coordinates: what lies beyond is not bounded
@@ -51,7 +51,7 @@ def _least(normal: np.ndarray, held: dict[int, float], lowest: dict[int, float])
         x = np.zeros(len(normal))
         x[list(fixed)] = list(fixed.values())
         free = [j for j in range(len(normal)) if j not in fixed]
-        x[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(normal @ x)[free], rcond=None)[0]
+        x[free] = -inverse(normal[np.ix_(free, free)]) @ (normal @ x)[free]
         if all(x[j] >= low for j, low in lowest.items() if j not in at_bound):
             least = min(least, float(x @ normal @ x))
     return least

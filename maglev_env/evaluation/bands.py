@@ -163,13 +163,14 @@ def with_timing_uncertainty(band: Band, time: float, mass: float) -> Band:
 
 
 def _widened(band: Band, name: str, se: float) -> Band:
-    """The band with the interval and standard error of one coefficient widened by an independent standard error."""
+    """The band with one coefficient's interval and standard errors, of both methods, widened by an independent one."""
     value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")
     ci = (
         float(value - np.hypot(value - low, NORMAL_95 * se)),
         float(value + np.hypot(high - value, NORMAL_95 * se)),
     )
-    return replace(band, **{f"{name}_se": float(np.hypot(getattr(band, f"{name}_se"), se)), f"{name}_ci": ci})
+    errors = {one: float(np.hypot(getattr(band, one), se)) for one in (f"{name}_se", f"ls_{name}_se")}
+    return replace(band, **errors, **{f"{name}_ci": ci})
 
 
 def with_mass_uncertainty(band: Band, mass_se: float) -> Band:

@@ -19,13 +19,7 @@ from maglev_env.evaluation.bands import (
     with_mass_uncertainty,
     with_timing_uncertainty,
 )
-from maglev_env.evaluation.known_chain import (
-    between_both,
-    between_readings,
-    coil_current,
-    rotor_motion,
-    unknown_between,
-)
+from maglev_env.evaluation.known_chain import coil_current, flowing, rotor_motion
 from maglev_env.evaluation.stability import Stability, stability_of
 from maglev_env.linear.control_systems import python_control
 from maglev_env.presented import Presented, matplotlib_figure
@@ -184,10 +178,13 @@ def identify(
             f"no force is excited and recorded: the {drive} stands for it, its actuator gain fitted to the mass; "
             "stiffness and damping are those of the rotor without its controller"
         )
-        if unsure:
+        if unsure and rig is not None and not (rig.amplifier_time_constant and "command" in statistics.channels):
+            lacks = "the rig states no amplifier_time_constant"
+            if rig.amplifier_time_constant:
+                lacks = "no command is recorded that would tell how long the controller computes"
             notes.append(
-                "the rig states no amplifier_time_constant: how the current moves between its readings is not known, "
-                "which widens the intervals of the damping"
+                f"{lacks}: how the current moves between its readings is not known, which widens the intervals of the "
+                "damping"
             )
     else:
         force = rotor_motion(force, rig)
@@ -305,19 +302,17 @@ def _through_magnets(
     if drive == "command":
         excited = replace(excited, channels=tuple("current" if n == drive else n for n in excited.channels))
         excited = coil_current(excited, rig)
-    elif not hold_rate:
-        excited = between_readings(excited, rig, signals.sample_rate)
+    otherwise, unsure = None, 0.0
+    if drive == "current" and not hold_rate:
+        excited, otherwise, unsure = flowing(excited, rig, signals.sample_rate)
     excited = rotor_motion(excited, rig)
-    rate = unknown_between(rig, signals.sample_rate) if drive == "current" and not hold_rate else None
-    if rate is None:
-        actuator = actuator_estimate(excited, mass)
-        return actuator, as_force(excited, "current", actuator.gain), drive, 0.0
-    excited, otherwise = between_both(excited, rate)
-    actuator, moved = actuator_estimate(excited, mass), actuator_estimate(otherwise, mass)
-    actuator = actuator.with_errors(
-        moved.gain - actuator.gain, moved.stiffness - actuator.stiffness, moved.damping - actuator.damping
-    )
-    return actuator, as_force(excited, "current", actuator.gain), drive, 12**-0.5 / rate
+    actuator = actuator_estimate(excited, mass)
+    if otherwise is not None:
+        moved = actuator_estimate(rotor_motion(otherwise, rig), mass)
+        actuator = actuator.with_errors(
+            moved.gain - actuator.gain, moved.stiffness - actuator.stiffness, moved.damping - actuator.damping
+        )
+    return actuator, as_force(excited, "current", actuator.gain), drive, unsure
 
 
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:

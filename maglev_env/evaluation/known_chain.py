@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimation.lines.periods import LineStatistics, held, multiplied
+from maglev_env.evaluation.late_step import behind_readings, flowing_lag, sampled_lag, step_after_reading
 from maglev_env.experiment import Experiment
 from maglev_env.recordings.measurement_chain import lagless
 from maglev_env.rig.excitation import lines_at
@@ -20,13 +21,40 @@ def rotor_motion(statistics: LineStatistics, rig: Rig | None, ending: str = "") 
     return _ahead(statistics, f"displacement{ending}", rig.sensor_time_constant if rig else 0.0)
 
 
+def flowing(
+    statistics: LineStatistics, rig: Rig | None, sample_rate: float
+) -> tuple[LineStatistics, LineStatistics | None, float]:
+    """The channel "current" as it flows between its readings.
+
+    Args:
+        statistics: with the channel "current".
+        rig: one axis.
+        sample_rate: of the readings, Hz.
+
+    Returns:
+        The statistics; the same one standard deviation of what is not known of that further, None where nothing is
+        unknown; and what that is in time, s.
+    """
+    if (rate := unknown_between(rig, sample_rate)) is not None:
+        return *between_both(statistics, rate), 12**-0.5 / rate
+    if rig is None or not steps_between(rig, sample_rate):
+        return statistics, None, 0.0
+    lag, known = rig.amplifier_time_constant, rig.tolerance.get("amplifier_time_constant")
+    late, unsure = step_after_reading(statistics, sample_rate, lag, known)
+    found, moved = (between_readings(statistics, rig, sample_rate, late + more) for more in (0.0, unsure))
+    begin, end = (behind_readings(lag * sample_rate, late + more) for more in (0.0, unsure))
+    return found, moved, abs(end - begin) / sample_rate
+
+
 def coil_current(statistics: LineStatistics, rig: Rig | None) -> LineStatistics:
     """The command, in the channel "current", behind the lag of the nominal amplifier."""
     return _ahead(statistics, "current", -rig.amplifier_time_constant if rig else 0.0)
 
 
-def between_readings(statistics: LineStatistics, rig: Rig | None, sample_rate: float) -> LineStatistics:
-    """The current that flows between readings at the control ticks, which show it just before each step of the command.
+def between_readings(
+    statistics: LineStatistics, rig: Rig | None, sample_rate: float, late: float = 0.0
+) -> LineStatistics:
+    """The current that flows between readings at the control ticks, of which each step of the command comes behind one.
 
     Behind the lag T of an amplifier whose input is held, the current is a chain of exponentials. Its line differs from
     that of its readings by the images of the hold, hence by the ratio of the continuous to the sampled lag. For the
@@ -36,13 +64,17 @@ def between_readings(statistics: LineStatistics, rig: Rig | None, sample_rate: f
         statistics: with the channel "current".
         rig: one axis; None, or another sample rate than its control rate, leaves the statistics as they are.
         sample_rate: of the readings, Hz.
+        late: by how much of a control period the command steps after the reading; whole periods make no difference.
     """
-    if rig is None or not rig.amplifier_time_constant or sample_rate != rig.control_rate:
+    if not steps_between(rig, sample_rate):
         return statistics
-    x, lag = statistics.frequency / sample_rate, rig.amplifier_time_constant
-    kept, z = np.exp(-1 / (sample_rate * lag)), np.exp(2j * np.pi * x)
-    continuous = np.sinc(x) * np.exp(-1j * np.pi * x) / (1 + 2j * np.pi * statistics.frequency * lag)
-    return multiplied(statistics, "current", continuous * (z - kept) / (1 - kept))
+    x, lag = statistics.frequency / sample_rate, rig.amplifier_time_constant * sample_rate
+    return multiplied(statistics, "current", flowing_lag(x, lag, late) / sampled_lag(x, lag, late))
+
+
+def steps_between(rig: Rig | None, sample_rate: float) -> bool:
+    """Whether a current behind an amplifier of known lag is read at the control ticks, while its command steps."""
+    return rig is not None and bool(rig.amplifier_time_constant) and sample_rate == rig.control_rate
 
 
 def unknown_between(rig: Rig | None, sample_rate: float) -> float | None:

@@ -1,11 +1,10 @@
 """The file campaign.toml itself, without what it states: its errors are told before the imports that take long."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from maglev_env.fields import toml_text
+from maglev_env.fields import toml_tables, toml_text
 
 SCHEMA = "maglev-campaign/1"
 
@@ -27,7 +26,7 @@ def campaign_tables(folder_or_toml: str | Path) -> tuple[Path, dict[str, Any]]:
         )
     text = toml_text(path, "campaign")
     try:
-        tables = tomllib.loads(text)
+        tables = toml_tables(text)
         check_schema(tables)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: {error}") from error

@@ -10,6 +10,7 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.view import View
+from maglev_env.rig.rig import Rig
 
 LARGEST = 0.3  # m, from end to end of the motion of anything that a rig levitates
 FREE = 1.05  # of the clearance to both sides
@@ -22,6 +23,7 @@ LEVELS = 100  # values of a waveform that is no sequence of steps
 OFTEN = 8  # times as many samples as at the next level; a sine's outermost level has 2.4 times as many
 TOGETHER, STEPPED = 0.95, 10.0  # correlation of slow parts that shows a sign; their range over the stated noise
 PARTS, APART = 8, 0.3  # of a record, for a drift; of the command's standard deviation
+OF_ONE_COIL = 0.1  # of the bias current: how far the mean current of one coil may be from it
 CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion's standard deviation
 
 
@@ -145,8 +147,9 @@ def balance(view: View) -> list[Finding]:
     found = []
     if said := _apart(off, max(CENTRED * rig.gap, MOVED * float(y.std())), 0.5 * CENTRED * rig.gap, "m"):
         text = (
-            f"displacement or current: their means ({y.mean():.3g} m, {i.mean():.3g} A) {said[1]}; check both columns; "
-            "or an effect (eccentricity, actuator_offset) or a static load: run `maglev diagnose`"
+            f"displacement or current: their means ({y.mean():.3g} m, {i.mean():.3g} A) {said[1]}; check both columns"
+            f"{_of_one_coil(rig, i)}; or an effect (eccentricity, actuator_offset) or a static load: run `maglev "
+            "diagnose`"
         )
         found.append(Finding(said[0], view.recording, "displacement or current", said[2], None, text, "effect"))
     means = [np.array([part.mean() for part in np.array_split(v, PARTS)]) for v in (y, i)]
@@ -165,10 +168,19 @@ def balance(view: View) -> list[Finding]:
         if said := _apart(i - u, least, least, "A"):
             text = (
                 f"command or current: their means ({u.mean():.3g} and {i.mean():.3g} A) {said[1]}, and an amplifier "
-                "keeps the mean; check both columns"
+                f"keeps the mean; check both columns{_of_one_coil(rig, i)}"
             )
             found.append(Finding(said[0], view.recording, "command or current", said[2], None, text, "wiring"))
     return found
+
+
+def _of_one_coil(rig: Rig, current: np.ndarray) -> str:
+    """What is said of the mean of a pair's current (samples,) that is the bias: it is the whole one of one coil."""
+    mean, bias = float(current.mean()), rig.bias_current
+    if not bias or abs(abs(mean) - bias) > OF_ONE_COIL * bias:
+        return ""
+    more = f"{-np.copysign(bias, mean):.3g}"
+    return f" (the mean current is the bias, as in one coil: offset = {more} A more makes it the deviation)"
 
 
 def _apart(off: np.ndarray, level: float, least: float, unit: str) -> tuple[str, str, float] | None:

@@ -1,6 +1,5 @@
 """A rig: the frozen physical parameters of a levitated rotor, read from a TOML file and checked."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from importlib import resources
@@ -10,7 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from maglev_env.channels import NOISY
-from maglev_env.fields import check_known, check_range, increasing_pair, is_number, quantity, table_as, toml_text
+from maglev_env.fields import (
+    check_known,
+    check_range,
+    increasing_pair,
+    is_number,
+    quantity,
+    table_as,
+    toml_tables,
+    toml_text,
+)
 from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
 from maglev_env.loop.effect import EFFECTS, FINER, NEEDS, Effects, check_effects
@@ -318,7 +326,7 @@ def rig_from_toml(text: str, where: str) -> Rig:
         ValueError: The rig is not valid; the message names file and key.
     """
     try:
-        return _build(tomllib.loads(text))
+        return _build(toml_tables(text))
     except RecursionError:
         raise ValueError(f"{where}: tables or lists are nested too deeply; a rig file has one level of them") from None
     except (ValueError, TypeError, ArithmeticError) as error:

@@ -1,6 +1,5 @@
 """A free rigid rotor in two radial bearings, read from a TOML file (schema maglev-rotor/1) and checked."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,7 +11,7 @@ from maglev_env.design.thermal import ThermalMass
 from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import ROTOR_FOLDER, ROTORS, Rig, load_rig
-from maglev_env.fields import check_known, increasing_pair, table_as, toml_text
+from maglev_env.fields import check_known, increasing_pair, table_as, toml_tables, toml_text
 from maglev_env.rotor.parts import Axial, Body, Fluid, Planes, Rejection, Runout, Touchdown, Unbalance
 
 SCHEMA = "maglev-rotor/1"
@@ -110,7 +109,7 @@ def load_rotor(source: str | Path) -> Rotor:
             raise ValueError(f"rotor {str(source)!r} is neither a preset ({', '.join(ROTORS)}) nor a .toml file")
         text, where = toml_text(path, "rotor"), str(path)
     try:
-        return _build(tomllib.loads(text), Path(where).parent)
+        return _build(toml_tables(text), Path(where).parent)
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise ValueError(f"{where}: {error}") from error
 

@@ -22,6 +22,7 @@ from sim2real.compared.simulated import Point, Predictor, experiment_near, predi
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.drive.anchored import anchored
 from sim2real.recorded.drive.quiet import quiet
+from sim2real.recorded.noise_response import NoiseResponse
 from sim2real.recorded.open_evidence import (
     Replay,
     coordinates_of,
@@ -102,6 +103,9 @@ def evidence_of(
                 predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
                 at = coordinates_of(record, loop, opened.outputs, predicted)
                 measured = left + at
+        if record.instrument is not None and record.told is not None:
+            response = NoiseResponse(at, measured - at, noise, record.told)
+            predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs, response))
         if record.errors:
             others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))

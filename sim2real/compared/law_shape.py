@@ -70,6 +70,8 @@ def bent(rig: Rig, amounts: Mapping[str, float]) -> Rig:
         return rig
     effects = {**rig.effects, "force_law": shape}
     plain, was, now = linearise(law), *(linearise(shaped_law(law, own), centre) for own in (rig.effects, effects))
+    if any(a * b <= 0 for a, b in zip(was, now, strict=True)):
+        return rig  # it pushes where it pulled
     kept = {name: value * a / b for name, value, a, b in zip(SCALED, plain, was, now, strict=True)}
     return replace(with_parameters(rig, kept), effects=effects)
 

@@ -13,7 +13,7 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
-from sim2real.search.fitting import Fit, real_product
+from sim2real.search.fitting import Fit, inverse, real_product
 
 # Of each such effect, the parameters which, multiplied by the same factor, keep what it does to a small motion; the
 # first of them is the limit.
@@ -53,6 +53,6 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
     jacobian, prior, u = fit.jacobian[free], fit.prior[free], fit.u[free]
     normal = real_product(jacobian, jacobian) + np.diag(prior)
     gradient = real_product(jacobian, linear) - prior * u
-    followed = gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient
+    followed = gradient @ inverse(normal) @ gradient
     cost = float(np.vdot(linear, linear).real + prior @ u**2 - followed)
     return cost - fit.cost > max(SHOWN * (without - fit.cost), SURELY)

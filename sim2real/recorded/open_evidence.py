@@ -11,6 +11,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.kernel.replay import look_at_replays, replayed
 from maglev_env.kernel.simulate import Block
 from sim2real.recorded.channel_errors import ChannelError
+from sim2real.recorded.noise_response import NoiseResponse
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
@@ -41,6 +42,7 @@ class Replay:
     record: OpenRecord
     loop: Loop
     outputs: tuple[str, ...]
+    response: NoiseResponse | None = None  # to noise in its drive; None: it is not told
 
 
 def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[np.ndarray]:
@@ -51,7 +53,8 @@ def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[
 
     def look(which: int, lane: int, series: np.ndarray) -> None:
         own = replays[which]
-        found[which][lane] = coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
+        moved = coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
+        found[which][lane] = moved if own.response is None else own.response.without(moved)
 
     look_at_replays(lanes, [own.record.drive for own in replays], look)
     return found
@@ -141,22 +144,19 @@ def smoothed_alike(
         at: coordinates (outputs, axes, n) there.
 
     Returns:
-        Name -> change of the coordinates (outputs, axes, n) for one standard deviation of what is not known of the
-        drive between its samples; none where that is held or stated, or where the log is not slower than the
-        controller.
+        Name -> change of the coordinates (outputs, axes, n) for one standard deviation of each term of what undoes
+        that filter.
     """
-    if not record.slower_than_controller:
-        return {}  # a log of what the controller itself read has no filter of its own
     found = {}
-    shapes = {e.order: e for e in record.errors if e.shape and e.channel == record.source}
-    for order, error in shapes.items():
+    for order, size in record.smoothed.items():
         # Of this sign the filter's inverse is at least 1 at every frequency.
-        sharper = replace(error, shape=SMALL * error.shape * (-1.0 if order % 4 == 2 else 1.0))
+        shape = SMALL * size * (-1.0 if order % 4 == 2 else 1.0)
+        sharper = ChannelError(f"filter of the log (order {order})", record.source or "", shape=shape, order=order)
         waves = {**record.waves, "current": _sharpened(record, record.waves["current"], sharper)}
         series = simulated_series(replace(record, waves=waves), lanes)[0]
         if np.isfinite(series).all():
             change = coordinates_of(record, loop, outputs, _filtered(record, series, sharper)) - at
-            found[f"filter of the log (order {order})"] = change / SMALL
+            found[sharper.name] = change / SMALL
     return found
 
 

@@ -25,6 +25,7 @@ from sim2real.recorded.drive.drive import Drive, Driving, drive_of
 from sim2real.recorded.drive.fed_back import fed_back
 from sim2real.recorded.drive.innovation import along_innovations
 from sim2real.recorded.drive.instrument import along_instruments
+from sim2real.recorded.drive.log_filter import WITHIN, corner_of_log, in_words, smoothing
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
@@ -149,7 +150,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     if not drive.stand_in or drive.source is None:
         return record
     stated = _stated(spec, drive.source)
-    top = np.inf if drive.held else TOP * record.windows.sample_rate
+    corner = None if drive.held else corner_of_log(record, channels)
+    top = np.inf if drive.held else min(TOP * record.windows.sample_rate, WITHIN * (corner or np.inf))
     found, what = along_instruments(record, channels, top), "with the recorded reference, injection or force"
     if found is None and not any(source.filter or source.delay for source in stated):
         found = along_innovations(record, channels, top)
@@ -157,8 +159,15 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     errors = (*record.errors, *_untold(spec, drive, found is not None))
     if found is not None:
         note = f"only what goes {what} is compared, because it is free of the noise that the controller fed back"
-        return replace(found, errors=errors, notes=(*record.notes, note))
-    record = fed_back(replace(record, errors=errors), channels[drive.source], drive.between(record.windows.frequency))
+        notes = (*record.notes, note, *in_words(corner, top, TOP * record.windows.sample_rate))
+        smoothed = {} if drive.held else smoothing(record, SHAPED, corner)
+        return replace(found, errors=errors, smoothed=smoothed, notes=notes)
+    smoothed = {} if drive.held else smoothing(record, STRAIGHT, corner)
+    record = fed_back(
+        replace(record, errors=errors, smoothed=smoothed),
+        channels[drive.source],
+        drive.between(record.windows.frequency),
+    )
     if drive.source == "command" and record.slower_than_controller:
         # What was fed back above the log's rate is folded into it, and no regression finds where it came from.
         raise TellsNothing(

@@ -65,6 +65,7 @@ class OpenRecord:
         tones: sinusoids that nothing which drives the record explains; their amplitude "opened" (axes,) is that of the
             opened displacement, m.
         along: what gain and stiffness of the magnets differ along its motion, over what is compared; None: nothing.
+        smoothed: order -> standard deviation (s^order) of the terms of what undoes the filter of the whole log.
         instants: (samples * every,), of the control samples in control steps; None: one step after another.
         notes: what was assumed.
     """
@@ -90,6 +91,7 @@ class OpenRecord:
     instrument: np.ndarray | None = None
     tones: tuple[Tone, ...] = ()
     along: AlongMotion | None = None
+    smoothed: Mapping[int, float] = field(default_factory=dict)
     instants: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 

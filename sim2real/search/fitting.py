@@ -21,6 +21,7 @@ REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and the factor 
 # A fit is abandoned when it is far behind the best: steps before this is tested, share of the best saving that it may
 # be behind, factor on that share per step, and cost that it may be behind in any case.
 PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
+NOT_TOLD = 1e6  # coordinates: standard error of one that nothing tells
 HOPE = 2.0  # times what a linear prediction promises that a fit may still gain
 
 
@@ -87,7 +88,23 @@ class Fit:
 
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (size, size)."""
-        return np.linalg.pinv(self.normal, hermitian=True)
+        return inverse(self.normal)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard errors (size,) by the curvature; NOT_TOLD where that is none, as where the rotor falls beside."""
+        return np.where(np.diag(self.normal) > 0, np.sqrt(np.diag(self.covariance())), NOT_TOLD)
+
+
+def inverse(normal: np.ndarray) -> np.ndarray:
+    """Pseudo-inverse of a normal matrix (size, size), whose coordinates may be told to very different accuracies.
+
+    One that is told a billion times better than another would count as all of the matrix, and the other as known.
+    """
+    size = np.sqrt(np.diag(normal))
+    size = np.where(size > 0, size, 1.0)
+    scale = np.outer(size, size)
+    return np.linalg.pinv(normal / scale, hermitian=True) / scale
 
 
 def real_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

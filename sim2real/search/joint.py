@@ -47,7 +47,7 @@ def joint_pairs(
     if len(kept) < 2:
         return []
     change = np.array([predicted[i] - (problem.data - base.residual) for i in kept])
-    solve = np.linalg.pinv(base.normal, hermitian=True)
+    solve = base.covariance()
     cross = real_product(change, base.jacobian)
     own = real_product(change, change) - cross @ solve @ cross.T
     along = real_product(change, base.residual[None])[:, 0] - cross @ solve @ base.gradient

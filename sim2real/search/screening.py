@@ -7,7 +7,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import TOLERANCE_EFFECTS
-from sim2real.search.fitting import Fit, cost_of, reach, real_product
+from sim2real.search.fitting import Fit, cost_of, inverse, reach, real_product
 from sim2real.search.hypotheses import Hypothesis, coordinates_of
 
 MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
@@ -129,7 +129,7 @@ class _Look:
         self.residual = seed.residual[at]
         self.jacobian, prior = np.ascontiguousarray(seed.jacobian[rows][:, at]), seed.prior[rows]
         normal = real_product(self.jacobian, self.jacobian) + np.diag(prior)
-        self.solve = np.linalg.pinv(normal, hermitian=True)
+        self.solve = inverse(normal)
         self.gradient = real_product(self.jacobian, self.residual) - prior * seed.u[rows]
         self.signed = any(c.signed for c in coordinates_of(h.effects[-1], h.scales))
 

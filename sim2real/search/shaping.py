@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.fitting import Fit, begin, differentiate, inverse, iterate
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.shapes import shapes_of
 
@@ -79,4 +79,4 @@ def _extended(fit: Fit, calibrated: Sequence[str]) -> np.ndarray:
 def _promised(fit: Fit) -> float:
     """What a linear prediction saves of the cost."""
     gradient = fit.gradient
-    return float(gradient @ np.linalg.lstsq(fit.normal, gradient, rcond=None)[0])
+    return float(gradient @ inverse(fit.normal) @ gradient)

@@ -25,7 +25,7 @@ def held_at_nominal(problem: Problem, fit: Fit) -> list[Fit]:
     h, covariance, found = fit.hypothesis, fit.covariance(), []
     for i, c in enumerate(h.coordinates):
         sd = float(np.sqrt(covariance[i, i]))
-        if c.scale is None or abs(fit.u[i]) < FAR * sd:
+        if c.scale is None or not sd or abs(fit.u[i]) < FAR * sd:
             continue
         if c.parameter == "change" and sd * c.scale < WIDE and abs(fit.u[i]) * c.scale < BEYOND:
             continue

@@ -18,6 +18,10 @@ from sim2real.pooled import Pooled
 from sim2real.recorded.at_rest.static_evidence import AT_REST
 from sim2real.words import AT_BOUND
 
+LINEAR = (
+    "by linear responses alone, because the rig could not be fitted: these intervals are of noise, and hold neither "
+    "what a large motion changes nor timing; take them for a first look"
+)
 LEAST_OWN = 0.05  # share of a band's standard error that is its own, where a common one is taken off
 STEADY = (
     4.0  # mean square of the bands' deviations, in their standard errors, up to which a coefficient is one constant
@@ -76,8 +80,14 @@ def over_bands(bands: Sequence[Band], name: str) -> Constant:
     return Constant(mean, (mean - half, mean + half), False)
 
 
-def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Pooled | None) -> str:
-    """One sentence on recordings (file, identification), and on all of them together where the rig was fitted."""
+def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Pooled | None, linear: bool = False) -> str:
+    """One sentence on recordings (file, identification), and on all of them together where the rig was fitted.
+
+    Args:
+        results: of each recording.
+        pooled: the rig in all recordings.
+        linear: whether the rig could not be fitted, although it is named: responses alone take any motion for small.
+    """
     if pooled is not None:
         return _of_all(pooled)
     file, found = max(results, key=lambda one: len(trusted(one[1].bands)))
@@ -93,7 +103,8 @@ def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Poole
         parts.append(f"actuator gain {with_interval(gain * scale, gain * scale - half, gain * scale + half)} {unit}")
     without = " without the controller" if found.actuator is not None else ""
     band = f"trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz"
-    return f"{among}{', '.join(parts)}{without} (95 %), {band}{_second_body(found)}."
+    said = f"{among}{', '.join(parts)}{without} (95 %), {band}{_second_body(found)}"
+    return f"{said}; {LINEAR}." if linear else f"{said}."
 
 
 def _second_body(found: Identification) -> str:

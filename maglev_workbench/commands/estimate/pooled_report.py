@@ -82,7 +82,8 @@ def _rows(found: Pooled) -> list[tuple[str, ...]]:
         change = "-" if c.change is None or not c.identified else f"{c.change:+.1%}"
         apart = f"{c.apart:+.1f}" if c.identified else "-"
         name = f"{c.name.replace('_', ' ')}, {unit}"
-        rows.append((name, f"{c.value * scale:.4g}", interval, f"{c.nominal * scale:.4g}", change, apart))
+        value = f"{c.value * scale:.4g}" if c.identified else "-"  # a number beside "not bounded" would be quoted
+        rows.append((name, value, interval, f"{c.nominal * scale:.4g}", change, apart))
     return rows
 
 

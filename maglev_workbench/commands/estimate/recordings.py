@@ -31,6 +31,8 @@ class Identified:
         open: Recordings without an excitation that repeats or is recorded.
         aperiodic: Recordings whose excitation is recorded and does not repeat.
         pooled: The named rig in all recordings, where some do not repeat.
+        linear: Whether only linear responses are told of a named rig whose simulation could say more, because it could
+            not be fitted; the notes say why.
         left_out: Recordings that tell nothing.
         notes: Why something that is usual is missing.
     """
@@ -41,6 +43,7 @@ class Identified:
     pooled: Pooled | None = None
     left_out: tuple[LeftOut, ...] = ()
     aperiodic: list[str] = field(default_factory=list)
+    linear: bool = False
     notes: tuple[str, ...] = ()
 
 
@@ -109,7 +112,7 @@ def identify_campaign(
             _, together = _pooled(campaign)
             found = replace(found, pooled=together)
         except ValueError as error:
-            found = replace(found, notes=(f"the rig is not fitted to these recordings: {error}",))
+            found = replace(found, linear=True, notes=(f"the rig is not fitted to these recordings: {error}",))
     return replace(found, left_out=told.left_out)
 
 

@@ -1,10 +1,10 @@
 """A skeleton of rig.toml: what the magnet kind needs, to be stated by the engineer."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from maglev_env.fields import toml_tables
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig import SCHEMA, load_rig
@@ -55,7 +55,7 @@ def is_untouched(path: Path) -> bool:
     """Whether a file is a skeleton with no parameter but those that it states by itself; any other is the user's."""
     try:
         text = path.read_text()
-        table = tomllib.loads(text).get("parameters", {})
+        table = toml_tables(text).get("parameters", {})
     except (OSError, ValueError):
         return False
     return text.startswith(_BEGINS) and isinstance(table, dict) and table.keys() <= _BY_ITSELF

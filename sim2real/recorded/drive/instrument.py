@@ -17,11 +17,12 @@ from estimation.lines.line_windows import KEPT
 from sim2real.recorded.open_record import OpenRecord
 
 CLEAR = 10.0  # power along the instruments over that of the noise, from which a window is used
+BESIDE = 2  # windows on either side whose power tells that of the one between them
 
 
 def has_instruments(channels: Mapping[str, np.ndarray]) -> bool:
     """Whether channels -> (axes, samples) hold a reference, an injection or a force that varies."""
-    return len(_varying(channels, 0)) > 0
+    return len(varying(channels, 0)) > 0
 
 
 def along_instruments(record: OpenRecord, channels: Mapping[str, np.ndarray], top: float) -> OpenRecord | None:
@@ -32,7 +33,7 @@ def along_instruments(record: OpenRecord, channels: Mapping[str, np.ndarray], to
         channels: channel -> (axes, samples) of the simulated part.
         top: highest frequency that is compared, Hz.
     """
-    known = _varying(channels, record.first)
+    known = varying(channels, record.first)
     return compared_along(record, known, top) if len(known) else None
 
 
@@ -49,14 +50,38 @@ def compared_along(record: OpenRecord, known: np.ndarray, top: float) -> OpenRec
     reading = record.spectrum(record.series["displacement"])
     along = np.arange(KEPT) < len(known)
     power = np.mean(abs(windows.project(reading)[..., along]) ** 2, axis=-1)
-    clear = (power > CLEAR * windows.noise(reading, spectra).variance).any(axis=0)
+    noise = windows.noise(reading, spectra).variance
+    driven = np.sum(abs(windows.project(spectra)) ** 2, axis=-1)
+    driven = np.sum(driven / np.maximum(driven.sum(axis=-1, keepdims=True), 1e-300), axis=0)
+    clear = (_expected(power, noise, driven) > CLEAR * noise).any(axis=0)
     clear &= windows.centre < top
     if not clear.any():
         return None
     return replace(record, windows=windows, told=(clear[:, None] & along).reshape(-1), instrument=spectra)
 
 
-def _varying(channels: Mapping[str, np.ndarray], first: int) -> np.ndarray:
+def _expected(power: np.ndarray, noise: np.ndarray, driven: np.ndarray) -> np.ndarray:
+    """Power (axes, windows) along the instruments as the neighbours of each window let expect it.
+
+    Windows that were chosen by their own power would be those to which noise has added.
+
+    Args:
+        power, noise: along the instruments and of the noise, (axes, windows).
+        driven: power of the instruments (windows,).
+    """
+    beside = np.ones(2 * BESIDE + 1)
+
+    def around(series: np.ndarray, own: np.ndarray | float) -> np.ndarray:
+        padded = np.apply_along_axis(np.convolve, -1, series, beside, "same")
+        return padded - np.where(own, 0.0, series)
+
+    # What drives a narrow band has no neighbours that tell: there the own power is taken, too.
+    alone = driven > around(driven, 0.0)
+    gain = around(np.maximum(power - noise, 0.0), alone) / np.maximum(around(driven, alone), 1e-300)
+    return gain * driven + noise
+
+
+def varying(channels: Mapping[str, np.ndarray], first: int) -> np.ndarray:
     """Series (inputs, samples) of the channels that are free of noise and vary from a sample on."""
     known = [s for name in ("reference", "injection", "force") if name in channels for s in channels[name]]
     return np.array([s for s in known if np.ptp(s[first:]) > 0])

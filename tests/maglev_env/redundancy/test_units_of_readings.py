@@ -11,7 +11,7 @@ TIME = np.arange(2000) / 1000.0
 SWING = np.sin(2 * np.pi * 4 * TIME) + 0.3 * np.sin(2 * np.pi * 11 * TIME)
 
 
-def found(folder, column, values, source):
+def found(folder, column, values, source, channel="displacement", kind="contradiction"):
     np.savetxt(folder / "run.csv", np.column_stack([TIME, values]), "%.6f", ",", header=f"t,{column}", comments="")
     (folder / "campaign.toml").write_text(
         f"""schema = "maglev-campaign/1"
@@ -20,11 +20,11 @@ file = "run.csv"
 sample_rate = 1000.0
 excitation = {{ kind = "none" }}
 [recording.channels]
-displacement = {{ from = "{column}"{source} }}
+{channel} = {{ from = "{column}"{source} }}
 """,
         encoding="utf-8",
     )
-    return [(f.code, f.message) for f in examine(load_campaign(folder)) if f.kind == "contradiction"]
+    return [(f.code, f.message) for f in examine(load_campaign(folder)) if f.kind == kind]
 
 
 @pytest.mark.parametrize("column", ["GapSensor_V", "gap [mm]"])
@@ -32,6 +32,14 @@ def test_a_length_in_another_unit_needs_a_scale(tmp_path, column):
     (code, message), *_ = found(tmp_path, column, 0.05 * SWING, "")
     assert code == "unit" and "no scale is stated" in message
     assert not found(tmp_path, column, 0.05 * SWING, ", scale = 1.6e-3")
+
+
+def test_milliamperes_are_no_amperes_and_a_probe_in_volts_is_looked_at(tmp_path):
+    assert found(tmp_path, "i [mA]", 50 * SWING, "", "current")[0][0] == "unit"
+    assert not found(tmp_path, "i [mA]", 50 * SWING, ", scale = 1e-3", "current")
+    assert not found(tmp_path, "i [V]", 0.05 * SWING, "", "current")
+    ((code, message),) = found(tmp_path, "i [V]", 0.05 * SWING, "", "current", "wiring")
+    assert code == "unit" and "1 V counts as 1 A; state scale" in message
 
 
 def test_a_length_in_metres_needs_none(tmp_path):

@@ -19,6 +19,11 @@ SOFT = tuple(
 )
 
 
+def test_without_a_fit_of_the_rig_a_response_is_a_first_look():
+    text = estimate_answer([("run1.npz", identification(bands=SOFT))], None, True)
+    assert text.endswith("take them for a first look.")
+
+
 def test_the_sentence_has_values_intervals_and_the_trusted_band():
     text = estimate_answer([("run1.npz", identification(bands=SOFT))], None)
     assert text == (

@@ -11,7 +11,16 @@ from maglev_env.rig.rig import load_rig, with_parameters
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, tolerances
 from sim2real.search.candidates import Candidate
-from sim2real.search.fitting import begin, cost_of, differentiate, iterate, share_calibrations
+from sim2real.search.fitting import (
+    NOT_TOLD,
+    Fit,
+    begin,
+    cost_of,
+    differentiate,
+    inverse,
+    iterate,
+    share_calibrations,
+)
 from sim2real.search.hypotheses import FORM, FORM_SHARE, MOST_FORM, Hypothesis
 
 TOLERANCE = {"probe_gain": 0.02, "negative_stiffness": 0.1}
@@ -276,3 +285,20 @@ def test_standard_errors_cover_a_delay_beside_tolerances_that_are_off(tmp_path):
         sizes.append(sd)
     assert 0.75 < np.std(pulls, ddof=1) < 1.25 and abs(np.mean(pulls)) < 3 / np.sqrt(40)
     assert np.mean(sizes) < 0.3 * truth / 1e-5  # the delay is measured, not guessed
+
+
+def test_a_coordinate_that_is_known_to_the_last_digit_hides_none_of_the_others():
+    rng = np.random.default_rng(5)
+    rows = rng.standard_normal((4, 200)) * np.array([1e10, 1.0, 1e3, 1e-2])[:, None]
+    scale = np.array([1e10, 1.0, 1e3, 1e-2])
+    unscaled = np.linalg.inv((rows / scale[:, None]) @ (rows / scale[:, None]).T) / np.outer(scale, scale)
+    assert inverse(rows @ rows.T) == pytest.approx(unscaled, rel=1e-6)
+    unknown = np.pad(rows @ rows.T, (0, 1))  # a coordinate of which nothing is told
+    assert inverse(unknown)[:4, :4] == pytest.approx(unscaled, rel=1e-6) and not inverse(unknown)[4].any()
+
+
+def test_a_coordinate_that_nothing_tells_has_no_error_of_zero():
+    jacobian = np.zeros((2, ROWS), complex)
+    jacobian[0] = 1.0
+    fit = Fit(Hypothesis(("actuator_gain", "damping"), {}), np.zeros(2), np.zeros(ROWS, complex), 0.0, jacobian)
+    assert fit.spread == pytest.approx([ROWS**-0.5, NOT_TOLD])
