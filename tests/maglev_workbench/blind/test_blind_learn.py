@@ -63,10 +63,9 @@ def test_a_judge_is_made_and_made_again_to_the_last_byte(tmp_path, monkeypatch):
     arguments = ("--seed", 3, "--count", 40, "--processes", 1)
     text = maglev("blind", "learn", tmp_path / "s", *arguments, "--out", tmp_path / "one.json")
     assert "40 campaigns" in text and "90 % set holds the truth" in text
-    maglev("blind", "learn", tmp_path / "s", *arguments, "--out", tmp_path / "again.json")
     maglev("blind", "learn", tmp_path / "t", *arguments, "--out", tmp_path / "elsewhere.json")
-    one, again, elsewhere = ((tmp_path / f"{name}.json").read_bytes() for name in ("one", "again", "elsewhere"))
-    assert one == again == elsewhere
+    one, elsewhere = ((tmp_path / f"{name}.json").read_bytes() for name in ("one", "elsewhere"))
+    assert one == elsewhere
     judge = judge_from(json.loads(one))
     assert judge.made_by["command"] == "maglev blind learn --count 40 --seed 3" and judge.made_by["examples"] == 40
     assert set(judge.trust) == {"displacement"} and len(judge.left["displacement"]) > 10

@@ -17,8 +17,8 @@ from sim2real.judgement.likely import likely_of, rareness
 
 def taught():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(learn_module, "ROUNDS", 40)
-        return learn(examples(100, 1), Judge())
+        patch.setattr(learn_module, "ROUNDS", 24)
+        return learn(examples(80, 1), Judge())
 
 
 @pytest.fixture(scope="module")
