@@ -30,24 +30,43 @@ def with_lost(u, lost, rng):
     return sent
 
 
-@pytest.mark.parametrize("lost", [0.03, 0.25])
+@pytest.mark.parametrize("lost", [0.06, 0.25])
 @pytest.mark.parametrize("noise", [2e-4, 1e-3])
-def test_what_is_lost_is_seen(lost, noise):
+@pytest.mark.parametrize("drive", ["chirp", "multisine"])
+def test_what_is_lost_is_seen(lost, noise, drive):
     rng = np.random.default_rng(3)
-    u = command(rng)
+    u = {"chirp": command, "multisine": multisine}[drive](rng)
     assert _likelier(amplified(with_lost(u, lost, rng), rng, noise), u) > LEAST
 
 
+def steps(rng):
+    """Set-point kicks with a little noise."""
+    levels = np.repeat(rng.uniform(-0.3, 0.3, SAMPLES // 200), 200)
+    kicks = np.convolve(np.diff(levels, prepend=0.0), 5 * np.exp(-np.arange(30) / 6))[:SAMPLES]
+    return levels + kicks + 0.003 * rng.standard_normal(SAMPLES)
+
+
+def multisine(rng):
+    at = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
+    return sum(0.05 * np.cos(n * at + rng.uniform(0, 6)) for n in range(3, 60, 2)) + 2e-3 * rng.standard_normal(SAMPLES)
+
+
 @pytest.mark.parametrize("noise", [0.0, 1e-4, 3e-3, 0.1])
-@pytest.mark.parametrize("kind", ["nothing", "delay", "lag", "limit", "noisy command", "dead band"])
-def test_nothing_else_seems_lost(kind, noise):
+@pytest.mark.parametrize("drive", [command, steps, multisine])
+@pytest.mark.parametrize(
+    "kind", ["nothing", "delay", "later", "lag", "limit", "soft limit", "noisy command", "dead band"]
+)
+def test_nothing_else_seems_lost(kind, drive, noise):
     rng = np.random.default_rng(4)
-    u = command(rng)
+    u = drive(rng)
+    most = 0.7 * np.abs(u).max()
     sent = {
+        "later": np.concatenate([u[:4], u[:-4]]),
+        "soft limit": most * np.tanh(u / most),
         "nothing": u,
         "delay": 0.6 * u + 0.4 * np.concatenate([u[:1], u[:-1]]),
         "lag": np.convolve(u, 0.5 ** np.arange(1, 12))[:SAMPLES],
-        "limit": np.clip(u, -0.15, 0.15),
+        "limit": np.clip(u, -most, most),
         "noisy command": u + 0.02 * rng.standard_normal(SAMPLES),
         "dead band": u - 0.01 * np.tanh(u / 0.01),
     }[kind]
