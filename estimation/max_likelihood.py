@@ -102,17 +102,18 @@ def maximum_likelihood(
     # A copy, because numba compiles another version for arrays that are read-only.
     masses = np.array(np.broadcast_to(mass, shape).reshape(-1))
     lines = 2 * np.pi * statistics.frequency, masses, slices
-    found = band_likelihood.estimate(f, y, sff, syy, sfy, *lines, statistics.periods)
+    data = band_likelihood.in_blocks(f, y, sff, syy, sfy)
+    found = band_likelihood.estimate(data, *lines, statistics.periods)
     ends = np.full((len(masses), len(bands), 4), np.nan)
     if intervals:
-        threshold = scipy.special.stdtrit(found[..., 6:8], (1 + level) / 2) ** 2 / 2 * found[..., 4:6]
-        ends = band_likelihood.bounds(f, y, *lines, found, threshold)
-    found, ends = found.reshape(*shape, len(bands), found.shape[-1]), ends.reshape(*shape, len(bands), 4)
-    k, c, k_se, c_se, *_, cost, share, expected, freedom = np.moveaxis(found[..., :12], -1, 0)
-    fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
-    k_low, k_high, c_low, c_high = np.moveaxis(ends, -1, 0)
+        threshold = scipy.special.stdtrit(found.freedom, (1 + level) / 2) ** 2 / 2 * found.ratio
+        ends = band_likelihood.bounds(data, *lines, found, threshold)
+    fit_p = scipy.special.fdtrc(
+        found.cost_freedom, found.cost_freedom * (statistics.periods - 1), found.cost / found.expected
+    )
     informative = np.all(np.isfinite(ends), axis=-1)
-    return BandEstimate(k, c, k_se, c_se, k_low, k_high, c_low, c_high, cost, fit_p, informative, share)
+    own = (*found.at, *found.se, *np.moveaxis(ends, -1, 0), found.cost, fit_p, informative, found.noise_share)
+    return BandEstimate(*(values.reshape(*shape, len(bands)) for values in own))
 
 
 def lane(estimate: BandEstimate, index: int) -> BandEstimate:

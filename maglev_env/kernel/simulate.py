@@ -21,7 +21,7 @@ from maglev_env.loop.amplifier import CURRENT_SQ
 from maglev_env.loop.mechanics import ALIVE, STEPS
 from maglev_env.loop.self_sensing_pieces import OFF_PEAK, OFF_SQ, OFF_SUM
 from maglev_env.loop.sensor import PEAK_SQ
-from maglev_lanes.layout import LANES, row
+from maglev_lanes.layout import LANES, aligned, row
 from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.noise import line_noise, series_noise
 from maglev_lanes.period_statistics import PeriodStatistics
@@ -238,7 +238,7 @@ class State:
         batch = block.batch
         pad = np.minimum(np.arange(LANES), batch.rows.shape[1] - 1)
         self.axes = batch.structure.axes
-        self.rows = _aligned((len(batch.rows), LANES))
+        self.rows = aligned((len(batch.rows), LANES))
         self.rows[:] = batch.rows[:, pad]
         self.seeds = np.ascontiguousarray(batch.seeds[..., pad])
         self.history = np.zeros(self.axes * batch.history_length * LANES)
@@ -271,14 +271,6 @@ class State:
     def touchdown_time(self) -> np.ndarray:
         """Seconds to touchdown per lane, nan for lanes still alive."""
         return np.where(self.alive(), np.nan, self.rows[row(STEPS)] / self._per_second)
-
-
-def _aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Uninitialised doubles that start at a cache line: a vector load across two cache lines takes twice the time."""
-    count = int(np.prod(shape))
-    raw = np.empty(count + 8)
-    start = (-raw.ctypes.data % 64) // 8
-    return raw[start : start + count].reshape(shape)
 
 
 def _common(experiments: Sequence[Experiment]) -> Experiment:
@@ -341,8 +333,8 @@ def stretches(
     step, switches = kernel(structure), structure.switches(block.substeps, oversampled, waves)
     of_sample = axes, len(structure.channels), LANES
     longest = max(driven[0].size for driven in schedule[silent:]) // (axes * waves)
-    out = _aligned((longest * (block.substeps if oversampled else 1), *of_sample))
-    unseen = _aligned((1, *of_sample))
+    out = aligned((longest * (block.substeps if oversampled else 1), *of_sample))
+    unseen = aligned((1, *of_sample))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     for i, driven in enumerate(schedule):
         samples = driven[0].size // (axes * waves)
