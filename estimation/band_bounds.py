@@ -1,114 +1,82 @@
-"""Compiled search for the bounds of intervals of one band, in all lanes of a block at once; see `band_search`.
-
-A bound lies where the profile of the cost, its minimum over the other coefficient, has risen by a threshold.
-"""
-
-from math import inf, isfinite, nan, sqrt
+"""Bounds of intervals: where the profile of the cost, its minimum over the other coefficient, has risen far enough."""
 
 import numpy as np
 
-from estimation.band_search import COST, GIVEN, LAST, LEFT, C, K, W, expand, minimise
-from maglev_lanes.layout import rows_after
-from maglev_lanes.pieces import called
+from estimation.band_errors import Found
+from estimation.band_likelihood import Bands
+from estimation.band_search import C, K
 
-# Further rows of what is given: the minimum and its cost; of k and of c: the rise of the cost that defines a bound, the
-# first step to it (nan: there is none), and the slope of the other coefficient along the ridge of the cost.
-_GIVEN = "AT[2] LEAST RISE[2] STEP[2] SLOPE[2]"
-AT, LEAST, RISE, STEP, SLOPE, BOUNDED = (np.uint64(offset) for offset in rows_after(int(GIVEN), _GIVEN))
-# The distance that is tried; the point that was found before, and the best of several; the bracket of the bound, with
-# how far the cost is beyond the threshold at its ends; what is sought; evaluations that are left; and the bound.
-_ROOM = "TRIED_AT BEFORE[2] NEAREST NEAREST_AT[2] INSIDE OUTSIDE G_IN G_OUT PHASE REMAINING FOUND_AT"
-(
-    TRIED_AT, BEFORE, NEAREST, NEAREST_AT, INSIDE, OUTSIDE, G_IN, G_OUT, PHASE, REMAINING, FOUND_AT, ROOM,
-) = (np.uint64(offset) for offset in rows_after(int(LAST), _ROOM))  # fmt: skip
-_LEAVING, _CLOSING, _FOUND = 0.0, 1.0, 2.0  # phases: until the bound is passed; between two points; the end
 _ROUGH = 1e-4  # change of the cost that counts as converged; a bound lies where the cost has risen by about 2
 _DOUBLINGS, _CLOSER = 40, 30
 
 
-@called
-def _profile(data, o, w, begin, end, p, s, held, other):
-    """Lowest cost of every lane with one coefficient held at its distance TRIED_AT from the minimum.
+def bounds(bands: Bands, found: Found, threshold: np.ndarray) -> np.ndarray:
+    """Profile-likelihood bounds (k low, k high, c low, c high) of every band of every lane, (4, cells).
 
-    The other coefficient starts from the cheapest of three points: where it was last, along the ridge, or at the
-    minimum. Noise gives the profile side valleys, and a search that keeps to the last point could stay in one.
+    Infinite where the cost never rises that far.
+
+    Args:
+        bands: The bands.
+        found: What was estimated of them.
+        threshold: Rise of the cost that defines a bound of k and of c, (2, cells).
     """
-    for lane in range(W):
-        s[lane + NEAREST] = inf
-        s[lane + held + NEAREST_AT], s[lane + other + NEAREST_AT] = p[lane + held + AT], p[lane + other + AT]
-    for start in range(3):
-        for lane in range(W):
-            along = p[lane + SLOPE + held] * s[lane + TRIED_AT] if start == 1 else 0.0
-            from_here = s[lane + BEFORE + other] if start == 0 else p[lane + AT + other]
-            s[lane + held], s[lane + other] = p[lane + AT + held] + s[lane + TRIED_AT], from_here + along
-        expand(data, o, w, begin, end, p, s, K)
-        for lane in range(W):
-            nearer = s[lane + COST] < s[lane + NEAREST]
-            s[lane + NEAREST] = s[lane + COST] if nearer else s[lane + NEAREST]
-            for at in range(lane + K, lane + COST, W):
-                s[at + NEAREST_AT] = s[at] if nearer else s[at + NEAREST_AT]
-    for lane in range(W):
-        s[lane + LEFT] = 1.0 if s[lane + PHASE] < _FOUND else 0.0
-        for at in range(lane + K, lane + COST, W):
-            s[at] = s[at + NEAREST_AT]
-    minimise(data, o, w, begin, end, p, s, held, _ROUGH)
-    for lane in range(W):
-        for at in range(lane + K, lane + COST, W):
-            s[at + BEFORE] = s[at]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = np.sqrt(2 * threshold / found.ratio) * found.se
+        # Cost of an infinitely stiff or damped support, for which all measured displacement would be noise.
+        py = bands.pooled[1]
+        far = np.where(py > 0, bands.moments[0] / py - found.cost, np.inf)
+        steps = np.where(np.isfinite(found.se) & (far > threshold), steps, np.nan)
+    return np.stack([
+        _bound(bands, found, threshold[of], sign * steps[of], of)
+        for of in range(2)
+        for sign in (-1, 1)
+    ])  # fmt: skip
 
 
-@called
-def _narrow(s, lane, g):
-    """Take the point that was tried, where the cost is g beyond the threshold, into the bracket; choose the next."""
-    step = s[lane + TRIED_AT]
-    s[lane + REMAINING] -= 1.0
-    if s[lane + PHASE] == _LEAVING:
-        if not g >= 0.0:
-            s[lane + INSIDE], s[lane + G_IN], s[lane + TRIED_AT] = step, g, step * 1.5
-            if s[lane + REMAINING] == 0.0:
-                s[lane + PHASE], s[lane + TRIED_AT] = _FOUND, inf if step > 0.0 else -inf
-            return
-        s[lane + OUTSIDE], s[lane + G_OUT] = step, g
-        s[lane + PHASE], s[lane + REMAINING] = _CLOSING, _CLOSER
-    elif abs(g) < 1e-3 or s[lane + REMAINING] == 0.0:
-        s[lane + PHASE] = _FOUND
-        return
-    elif g > 0.0:
-        s[lane + OUTSIDE], s[lane + G_OUT], s[lane + G_IN] = step, g, s[lane + G_IN] * 0.5
-    else:
-        s[lane + INSIDE], s[lane + G_IN], s[lane + G_OUT] = step, g, s[lane + G_OUT] * 0.5
-    inside, outside, g_in = s[lane + INSIDE], s[lane + OUTSIDE], s[lane + G_IN]
-    s[lane + TRIED_AT] = inside - g_in * (outside - inside) / (s[lane + G_OUT] - g_in)
-    if abs(outside - inside) < 1e-3 * abs(outside):
-        s[lane + PHASE] = _FOUND
+def _bound(bands: Bands, found: Found, threshold: np.ndarray, step: np.ndarray, of: int) -> np.ndarray:
+    """Bounds (cells) of k (of = 0) or c (1), which are sought from the minimum in steps of `step`; nan: not sought."""
+    end = np.where(np.isfinite(found.at[of]), np.inf, np.nan) * np.where(np.signbit(step), -1, 1)
+    leaving = np.isfinite(step)
+    closing, known = np.zeros_like(leaving), found.at
+    inside, g_in = np.zeros(step.shape), np.full(step.shape, -1.0)
+    outside, g_out = np.zeros(step.shape), np.zeros(step.shape)
+    remaining = np.full(step.shape, _DOUBLINGS)
+    while (sought := leaving | closing).any():
+        known, cost = _profile(bands, found, known, np.where(sought, step, np.nan), of)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # How far beyond the threshold, as a share of the distance at which it is reached.
+            g = np.sqrt(np.maximum(cost - found.cost, 0.0) / threshold) - 1.0
+            remaining -= 1
+            passed = leaving & (g >= 0)
+            reached = closing & ((np.abs(g) < 1e-3) | (remaining == 0))
+            end = np.where(reached, found.at[of] + step, end)
+            within, beyond = leaving & ~passed, passed
+            within, beyond = within | (closing & ~reached & (g <= 0)), beyond | (closing & ~reached & (g > 0))
+            # The end that stays counts half, so that it moves, too.
+            g_out, g_in = np.where(within & closing, g_out / 2, g_out), np.where(beyond & closing, g_in / 2, g_in)
+            inside, g_in = np.where(within, step, inside), np.where(within, g, g_in)
+            outside, g_out = np.where(beyond, step, outside), np.where(beyond, g, g_out)
+            closing = (closing & ~reached) | passed
+            remaining = np.where(passed, _CLOSER, remaining)
+            leaving &= ~passed & (remaining > 0)
+            between = inside - g_in * (outside - inside) / (g_out - g_in)
+            step = np.where(closing, between, np.where(leaving, step * 1.5, step))
+            narrow = closing & (np.abs(outside - inside) < 1e-3 * np.abs(outside))
+        end = np.where(narrow, found.at[of] + step, end)
+        closing &= ~narrow
+    return end
 
 
-@called
-def find_bounds(data, o, w, begin, end, p, s, held):
-    """The bound (row FOUND_AT) of one coefficient of every lane in the direction of STEP, which is then turned round.
+def _profile(
+    bands: Bands, found: Found, known: np.ndarray, step: np.ndarray, of: int
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Points (2, cells) of lowest cost, and that cost, with one coefficient held at a distance from the minimum.
 
-    Infinite, with the sign of STEP, if the cost never rises that far; nan without a STEP.
+    The other coefficient starts from the cheapest of three points: where it was last (`known`), along the ridge, or at
+    the minimum. Noise gives the profile side valleys, and a search that keeps to the last point could stay in one.
     """
-    other = C - held
-    for lane in range(W):
-        step = p[lane + STEP + held]
-        p[lane + STEP + held] = -step
-        s[lane + TRIED_AT], s[lane + PHASE] = step, _LEAVING if isfinite(step) else _FOUND
-        s[lane + REMAINING], s[lane + INSIDE], s[lane + G_IN] = _DOUBLINGS, 0.0, -1.0
-        for at in range(lane + K, lane + COST, W):
-            s[at + BEFORE] = p[at + AT]
-    for _ in range(_DOUBLINGS + _CLOSER):
-        sought = 0.0
-        for lane in range(W):
-            sought += _FOUND - s[lane + PHASE]
-        if sought == 0.0:
-            break
-        _profile(data, o, w, begin, end, p, s, held, other)
-        for lane in range(W):
-            if s[lane + PHASE] < _FOUND:
-                rise = s[lane + COST] - p[lane + LEAST]
-                # How far beyond the threshold, as a share of the distance at which it is reached.
-                _narrow(s, lane, sqrt((0.0 if rise < 0.0 else rise) / p[lane + RISE + held]) - 1.0)
-    for lane in range(W):
-        step = s[lane + TRIED_AT]
-        s[lane + FOUND_AT] = p[lane + AT + held] + step if isfinite(p[lane + STEP + held]) else nan
+    other = found.at[1 - of]
+    held = found.at[of] + step
+    starts = [(held, start) for start in (known[1 - of], other + found.slope[of] * step, other)]
+    points = bands.found(np.array([pair[:: 1 - 2 * of] for pair in starts]), (K, C)[of], _ROUGH)
+    return points[:2], points[2]

@@ -1,17 +1,19 @@
-"""Standard errors of the estimates of bands, from sums over their lines."""
+"""Estimates of bands, with standard errors."""
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from estimation import band_sums as rows
-from maglev_lanes.layout import row
+from estimation.band_likelihood import Bands
+from estimation.band_search import NEITHER
+
+_FINE = 1e-8  # change of the cost that counts as converged
+_INFINITE = 1e300
 
 
 @dataclass(frozen=True)
 class Found:
-    """What the search found in every band of every lane, arrays (lanes, bands); pairs (2, ...) are of k and c.
+    """What was found in every band of every lane, cells (see `band_likelihood`); pairs (2, ...) are of k and c.
 
     Attributes:
         at: k and c, in N/m and N s/m.
@@ -23,9 +25,6 @@ class Found:
         expected: Cost that noise alone is expected to leave.
         cost_freedom: Degrees of freedom of the numerator of the cost.
         noise_share: Share of the displacement's power that is noise.
-        power: The displacement's power.
-        pooled: Covariance pooled over the band, (4, ...): of the force, of the displacement, and of both, real and
-            imaginary.
     """
 
     at: np.ndarray
@@ -37,79 +36,81 @@ class Found:
     expected: np.ndarray
     cost_freedom: np.ndarray
     noise_share: np.ndarray
-    power: np.ndarray
-    pooled: np.ndarray
 
-    @classmethod
-    def of(cls, left: np.ndarray, lanes: int, count: np.ndarray, periods: int) -> "Found":
-        """From what the search leaves.
 
-        The pooled covariance weights the lines; the covariances of the single lines say how much noise entered. The
-        pooled covariance is itself estimated, and where constant coefficients do not fit the band, other weights move
-        the optimum; the delta method adds that variance.
+def estimate(bands: Bands, periods: int) -> Found:
+    """Estimate every band of every lane; nan where the data are.
 
-        Args:
-            left: rows POWER to END of `band_sums`, (blocks, bands, rows, LANES).
-            lanes: number of lanes.
-            count: number of lines of each band, (bands,).
-            periods: number of periods.
-        """
-        get = partial(_of_rows, left)
-        n = count[:, None].astype(float)
-        k, c, cost, hkk, hkc, hcc = get(rows.BEST_K, 6)
-        pooled = get(rows.COVARIANCE, 4)
-        sums, squares = get(rows.SUM_K, 2), get(rows.SQUARE_K, 2)
-        hats, by_hat, hat_square, cross, alike, alike_square = get(rows.HATS, 6)
-        by = get(rows.KA, 8).reshape(2, 4, *k.shape)
-        ik, ix, ic = get(rows.IK, 3)
-        power = get(rows.POWER, 1)[0]
-        most = 2 * n * (periods - 1)
-        # The square of a sample variance exceeds the square of the true variance by the factor 1 + 1 / (periods - 1).
-        thin = periods / (periods - 1)
-        with np.errstate(all="ignore"):  # what is not finite is replaced below
-            # Lines of unequal noise give a pooled covariance with fewer degrees of freedom.
-            same = np.minimum(thin * alike * alike / alike_square, n)
-            weights = np.stack(
-                [_quadratic(*(ik * by[0] + ix * by[1]), *pooled), _quadratic(*(ix * by[0] + ic * by[1]), *pooled)]
-            )
-            sums = sums + 2 * weights / (same * (periods - 1))
-            # The leverages are scaled to sum to one; those of the exact Hessian can be far from that in noise.
-            expected = alike - by_hat / hats
-            spread = alike_square - 2 * cross / hats + hat_square / (hats * hats)
-            ratio, se = sums / np.stack([ik, ic]), np.sqrt(0.5 * sums)
-            freedom = np.minimum(2 * periods * sums * sums / squares, most)
-            cost_freedom = np.minimum(2 * thin * expected * expected / spread, 2 * (n - 1))
-            slope = -hkc / np.stack([hcc, hkk])
-            share = np.minimum(n * pooled[1] / power, 1.0)
-            # Of an optimum that ran to infinity k and c are unknown, and no interval is bounded.
-            sure = (hkk > 0) & (hkk * hcc - hkc * hkc > 0) & np.isfinite(ik) & np.isfinite(ic)
+    The pooled covariance weights the lines; the covariances of the single lines say how much noise entered. The pooled
+    covariance is itself estimated, and where constant coefficients do not fit the band, other weights move the optimum;
+    the delta method adds that variance.
+
+    Args:
+        bands: The bands.
+        periods: Number of periods.
+    """
+    best = np.zeros((6, *bands.mass.shape))
+    best[2] = _INFINITE
+    for start in _starts(bands):
+        own = bands.found(start[None], NEITHER, _FINE)
+        best = np.where(own[2] < best[2], own, best)
+    cost, hkk, hkc, hcc = best[2:]
+    h, g, hr, gr, hr2, hg, gr2, hrr, grr, alike, alike_square, *by = bands.sums(best)
+    n, power = bands.count, bands.moments[0]
+    most = 2 * n * (periods - 1)
+    # The square of a sample variance exceeds the square of the true variance by the factor 1 + 1 / (periods - 1).
+    thin = periods / (periods - 1)
+    with np.errstate(all="ignore"):  # what is not finite is replaced below
+        det = hkk * hcc - hkc * hkc
+        ik, ix, ic = hcc / det, -hkc / det, hkk / det
+        direct, across = np.stack([ik, ic]), ix * ix
+        # By each line of h (k) and g = w^2 h (c), with its noise.
+        of_h, of_g = np.stack([ik * ik, across]), np.stack([across, ic * ic])
+        sums = of_h * hr + of_g * gr
+        squares = of_h * of_h * hr2 + 2 * of_h * of_g * hg + of_g * of_g * gr2
+        # Lines of unequal noise give a pooled covariance with fewer degrees of freedom.
+        same = np.minimum(thin * alike * alike / alike_square, n)
+        turned = ((ik * a + ix * b, ix * a + ic * b) for a, b in zip(by[:4], by[4:], strict=True))
+        weights = _quadratic(*(np.stack(pair) for pair in turned), *bands.pooled)
+        sums += 2 * weights / (same * (periods - 1))
+        # The leverages are scaled to sum to one; those of the exact Hessian can be far from that in noise.
+        hats = ik * h + ic * g
+        expected = alike - (ik * hr + ic * gr) / hats
+        spread = alike_square - 2 * (ik * hrr + ic * grr) / hats
+        spread += (ik * ik * hr2 + 2 * ik * ic * hg + ic * ic * gr2) / (hats * hats)
+        ratio, se = sums / direct, np.sqrt(0.5 * sums)
+        freedom = np.minimum(2 * periods * sums * sums / squares, most)
+        cost_freedom = np.minimum(2 * thin * expected * expected / spread, 2 * (n - 1))
+        # Of an optimum that ran to infinity k and c are unknown, and no interval is bounded.
+        sure = (hkk > 0) & (det > 0) & np.isfinite(ik) & np.isfinite(ic)
         found = {
-            "at": np.stack([k, c]),
+            "at": best[:2],
             "se": np.where(sure, se, np.inf),
             "ratio": np.where(sure, ratio, 1.0),
             "freedom": np.where(sure, freedom, most),
-            "slope": slope,
+            "slope": -hkc / np.stack([hcc, hkk]),
             "cost": cost,
             "expected": np.where(sure, expected, n - 1),
             "cost_freedom": np.where(sure, cost_freedom, 2 * (n - 1)),
-            "noise_share": share,
-            "power": power,
-            "pooled": pooled,
+            "noise_share": np.minimum(n * bands.pooled[1] / power, 1.0),
         }
-        unknown = ~np.isfinite(power)
-        return cls(**{name: _of_lanes(np.where(unknown, np.nan, values), lanes) for name, values in found.items()})
+    known = np.isfinite(power)
+    return Found(**(found if known.all() else {name: np.where(known, v, np.nan) for name, v in found.items()}))
 
 
-def _of_rows(left: np.ndarray, offset: np.uint64, count: int) -> np.ndarray:
-    """Rows from an offset on, (count, blocks, bands, LANES)."""
-    first = row(int(offset - rows.POWER))
-    return np.moveaxis(left[:, :, first : first + count], 2, 0)
-
-
-def _of_lanes(values: np.ndarray, lanes: int) -> np.ndarray:
-    """(..., lanes, bands) of (..., blocks, bands, LANES)."""
-    turned = np.swapaxes(values, -1, -2)
-    return turned.reshape(*values.shape[:-3], -1, values.shape[-2])[..., :lanes, :]
+def _starts(bands: Bands) -> list[np.ndarray]:
+    """The moment estimator, corrected for noise, and the dissertation's least squares, (2, cells) each."""
+    power, fast, along, across = bands.moments
+    _, py, pr, pi = bands.pooled
+    powers = np.append(bands.w, 0.0) ** np.array([[1], [2]])  # one more, because no band may end beyond them
+    w1, w2 = np.add.reduceat(powers, bands.slices.reshape(-1), axis=1)[:, ::2, None]
+    found = []
+    for noise in (1.0, 0.0):
+        n, still, moving = noise * bands.count, power - noise * bands.count * py, fast - noise * w2 * py
+        with np.errstate(divide="ignore", invalid="ignore"):
+            k, c = (along - n * pr + bands.mass * moving) / still, (across - noise * w1 * pi) / moving
+        found.append(np.where((still > 0) & (moving > 0), np.stack([k, c]), np.nan))
+    return found
 
 
 def _quadratic(

@@ -15,10 +15,15 @@ because all else takes the compiler longer. Arguments of all functions:
 - held: K or C, the coefficient that is not changed; NEITHER: both are.
 """
 
+from collections.abc import Callable
+from functools import cache
+from math import inf
+
 import numpy as np
 
+from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import LANES, rows_after
-from maglev_lanes.pieces import called
+from maglev_lanes.pieces import called, piece
 
 # Force and displacement, and the covariances of their noise.
 _CHANNELS = "F_RE F_IM Y_RE Y_IM S_FF S_YY S_RE S_IM"
@@ -32,38 +37,46 @@ _POINT = "K C COST KK KC CC GK GC PKK PCC NK NC"
 K, C, COST, KK, KC, CC, GK, GC, PKK, PCC, NK, NC, TRIAL = (np.uint64(offset) for offset in rows_after(0, _POINT))
 NEITHER = TRIAL
 # Behind a second such point: the damping of Newton's step, whether the lane is still searched, has a trial point, and
-# keeps it; and the gain of cost that is expected of it.
-_STATE = "DAMP LEFT TRIED BETTER EXPECTED"
-DAMP, LEFT, TRIED, BETTER, EXPECTED, LAST = (np.uint64(o) for o in rows_after(2 * int(TRIAL), _STATE))
+# keeps it; the gain of cost that is expected of it; and the least cost of several starts.
+_STATE = "DAMP LEFT TRIED BETTER EXPECTED LEAST"
+DAMP, LEFT, TRIED, BETTER, EXPECTED, LEAST, LAST = (np.uint64(o) for o in rows_after(2 * int(TRIAL), _STATE))
 _ITERATIONS = 60
+ZERO, ONE, TWO, TWO_ROWS = (np.uint64(i) for i in (0, 1, 2, 2 * LANES))
+
+
+@piece
+def of_line(f_re, f_im, y_re, y_im, pf, py, pr, pi, a, b):
+    """S, 1 / S, v, C and Y - C v (see above) of one line with the impedance Z = a + j b."""
+    var = pf + (a * a + b * b) * py - 2.0 * (a * pr + b * pi)
+    share = 1.0 / var
+    v_re, v_im = (f_re - (a * y_re - b * y_im)) * share, (f_im - (a * y_im + b * y_re)) * share
+    c_re, c_im = pr - a * py, b * py - pi
+    r_re, r_im = y_re - (c_re * v_re - c_im * v_im), y_im - (c_re * v_im + c_im * v_re)
+    return var, share, v_re, v_im, c_re, c_im, r_re, r_im
 
 
 @called
 def expand(data, o, w, begin, end, p, s, at):
     """Fill the rows from COST on of the point at `at` (0 or TRIAL) from its K and C."""
-    for lane in range(W):
-        g = at + lane
-        s[g + COST] = s[g + GK] = s[g + GC] = s[g + PKK] = s[g + KC] = s[g + PCC] = s[g + NK] = s[g + NC] = 0.0
+    for g in range(at + COST, at + TRIAL):
+        s[g] = 0.0
     for i in range(begin, end):
         wi = w[i]
         square = wi * wi
         line = o + i * LINE
         for lane in range(W):
             g, d = at + lane, line + lane
-            pr, pi, syy = p[lane + PR], p[lane + PI], p[lane + PY]
-            a, b = s[g + K] - p[lane + M] * square, wi * s[g + C]
-            y_re, y_im = data[d + Y_RE], data[d + Y_IM]
-            var = p[lane + PF] + (a * a + b * b) * syy - 2.0 * (a * pr + b * pi)
-            share = 1.0 / var
-            v_re = (data[d + F_RE] - (a * y_re - b * y_im)) * share
-            v_im = (data[d + F_IM] - (a * y_im + b * y_re)) * share
-            c_re, c_im = pr - a * syy, b * syy - pi
-            r_re, r_im = y_re - (c_re * v_re - c_im * v_im), y_im - (c_re * v_im + c_im * v_re)
+            py = p[lane + PY]
+            var, share, v_re, v_im, c_re, c_im, r_re, r_im = of_line(
+                data[d + F_RE], data[d + F_IM], data[d + Y_RE], data[d + Y_IM],
+                p[lane + PF], py, p[lane + PR], p[lane + PI],
+                s[g + K] - p[lane + M] * square, wi * s[g + C],
+            )  # fmt: skip
             t_re, t_im = v_re * c_re + v_im * c_im, v_im * c_re - v_re * c_im
             k_re, k_im = r_re - t_re, r_im - t_im
             d_re, d_im = r_re + t_re, r_im + t_im
             power = v_re * v_re + v_im * v_im
-            noise = power * syy
+            noise = power * py
             s[g + COST] += power * var
             s[g + GK] -= v_re * r_re + v_im * r_im
             s[g + GC] += wi * (v_re * r_im - v_im * r_re)
@@ -73,8 +86,7 @@ def expand(data, o, w, begin, end, p, s, at):
             # Subtracted below: the amount that displacement noise adds to these terms on average.
             s[g + NK] += noise
             s[g + NC] += square * noise
-    for lane in range(W):
-        g = at + lane
+    for g in range(at, at + W):
         s[g + KK], s[g + CC] = s[g + PKK] - s[g + NK], s[g + PCC] - s[g + NC]
 
 
@@ -115,7 +127,7 @@ def _judge(s, tolerance):
 
 
 @called
-def minimise(data, o, w, begin, end, p, s, held, tolerance):
+def _minimise(data, o, w, begin, end, p, s, held, tolerance):
     """Damped Newton search from K and C of the lanes whose LEFT is positive."""
     expand(data, o, w, begin, end, p, s, K)
     for lane in range(W):
@@ -129,3 +141,54 @@ def minimise(data, o, w, begin, end, p, s, held, tolerance):
         _step(s, held)
         expand(data, o, w, begin, end, p, s, TRIAL)
         _judge(s, tolerance)
+
+
+@called
+def _of_band(data, o, w, begin, end, p, s, starts, first, count, held, tolerance):
+    """Search from the cheapest of the starts, whose K and C stand from `first` on, nan in lanes that have none."""
+    for lane in range(W):
+        s[lane + LEAST] = inf
+        s[lane + TRIAL + K] = s[lane + TRIAL + C] = inf
+    for _ in range(count):
+        for lane in range(W):
+            s[lane + K], s[lane + C] = starts[first + lane + K], starts[first + lane + C]
+        first += TWO_ROWS
+        expand(data, o, w, begin, end, p, s, K)
+        for lane in range(W):
+            better = s[lane + COST] < s[lane + LEAST]
+            s[lane + LEAST] = s[lane + COST] if better else s[lane + LEAST]
+            s[lane + TRIAL + K] = s[lane + K] if better else s[lane + TRIAL + K]
+            s[lane + TRIAL + C] = s[lane + C] if better else s[lane + TRIAL + C]
+    for lane in range(W):
+        s[lane + LEFT] = 1.0 if s[lane + LEAST] < inf else 0.0
+        s[lane + K], s[lane + C] = s[lane + TRIAL + K], s[lane + TRIAL + C]
+    _minimise(data, o, w, begin, end, p, s, held, tolerance)
+
+
+@cache
+def search() -> Callable[..., None]:
+    """Kernel that searches every band of every block, from the cheapest of several starts.
+
+    Its arguments: data, w, bands (2 for each: begin and end), given (M to PI of each block and band), starts (of each
+    block and band as many pairs of K and C as go into it), held, tolerance, room for p and s, and what it fills: the
+    rows K to CC of each block and band.
+    """
+    sources = 0  # see `compiled`
+
+    def search(data, w, bands, given, starts, held, tolerance, p, s, out):
+        if sources == 0:
+            return
+        lines, many, first, to = np.uint64(w.size), np.uint64(out.size) // GK, ZERO, ZERO
+        count = np.uint64(starts.size) // (TWO_ROWS * many)
+        for at in range(many):
+            band = TWO * at % np.uint64(bands.size)
+            o = TWO * at // np.uint64(bands.size) * lines * LINE
+            for i in range(GIVEN):
+                p[i] = given[at * GIVEN + i]
+            _of_band(data, o, w, bands[band], bands[band + ONE], p, s, starts, first, count, held, tolerance)
+            first += count * TWO_ROWS
+            for i in range(GK):
+                out[to + i] = s[i]
+            to += GK
+
+    return compiled(search)

@@ -1,15 +1,17 @@
-"""Compiled sums over the lines of a band, in the lanes of a block at once; for arguments see `band_search`."""
+"""Compiled sums over the lines of bands, in the lanes of a block at once; for arguments see `band_search`."""
+
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
 from estimation.band_search import (
-    CC,
     F_IM,
     F_RE,
-    KC,
-    KK,
-    LAST,
+    GIVEN,
+    GK,
     LINE,
+    ONE,
     PF,
     PI,
     PR,
@@ -18,111 +20,107 @@ from estimation.band_search import (
     S_IM,
     S_RE,
     S_YY,
+    TWO,
     Y_IM,
     Y_RE,
     C,
     K,
     M,
     W,
+    of_line,
 )  # fmt: skip
+from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import rows_after
 from maglev_lanes.pieces import called
 
-# Of the band's data: power of the displacement, the same times w^2, Re F Y* + m w^2 |Y|^2 and w Im F Y*; sums of w and
-# w^2; then the best point of several searches. COVARIANCE: the pooled ones, as PF to PI of what is given.
-# Of the lines at that point: powers of the shares of the variances of k and c, leverages, ratios of own to pooled
-# variance; KA to CI: derivatives of the half gradient by s_F^2, s_Y^2, Re s_FY and Im s_FY.
-_ROWS = (
-    "POWER FAST ALONG ACROSS W1 W2 STARTED BEST_K BEST_C BEST BEST_KK BEST_KC BEST_CC COVARIANCE[4] "
-    "SUM_K SUM_C SQUARE_K SQUARE_C HATS BY_HAT HAT_SQUARE CROSS ALIKE ALIKE_SQUARE KA KB KR KI CA CB CR CI IK IX IC"
+# With r the ratio of a line's own to its pooled variance, h = |Y - C v|^2 / S what it tells of k, and g = w^2 h of c:
+# sums of h, g, h r, g r, (h r)^2, h g r^2, (g r)^2, h r^2, g r^2, r, r^2; then the derivatives of the half gradient of
+# k and of c by s_F^2, s_Y^2, Re s_FY and Im s_FY.
+_SUMS = "H G HR GR HR2 HG GR2 HRR GRR R R2 KA KB KR KI CA CB CR CI"
+H, G, HR, GR, HR2, HG, GR2, HRR, GRR, R, R2, KA, KB, KR, KI, CA, CB, CR, CI, SUMS = (
+    np.uint64(offset) for offset in rows_after(0, _SUMS)
 )
-(
-    POWER, FAST, ALONG, ACROSS, W1, W2, STARTED, BEST_K, BEST_C, BEST, BEST_KK, BEST_KC, BEST_CC, COVARIANCE, SUM_K,
-    SUM_C, SQUARE_K, SQUARE_C, HATS, BY_HAT, HAT_SQUARE, CROSS, ALIKE, ALIKE_SQUARE, KA, KB, KR, KI, CA, CB, CR, CI, IK,
-    IX, IC, END,
-) = (np.uint64(offset) for offset in rows_after(int(LAST), _ROWS))  # fmt: skip
 
 
 @called
-def pool(data, o, w, begin, end, p, s):
-    """Sums of the band's data, and the covariances pooled over it (rows PF to PI)."""
-    for lane in range(W):
-        for at in range(lane + POWER, lane + STARTED, W):
-            s[at] = 0.0
-        for at in range(lane + PF, lane + PI + W, W):
-            p[at] = 0.0
-    share = 1.0 / float(end - begin)
+def _gather(data, o, w, begin, end, p, s, out, to):
+    """Sums of the lines at K and C, into the rows of out from to on."""
+    for at in range(to, to + SUMS):
+        out[at] = 0.0
     for i in range(begin, end):
         wi = w[i]
         square = wi * wi
         line = o + i * LINE
         for lane in range(W):
-            d = line + lane
-            fr, fi = data[d + F_RE], data[d + F_IM]
-            y_re, y_im = data[d + Y_RE], data[d + Y_IM]
-            power = y_re * y_re + y_im * y_im
-            p[lane + PF] += share * data[d + S_FF]
-            p[lane + PY] += share * data[d + S_YY]
-            p[lane + PR] += share * data[d + S_RE]
-            p[lane + PI] += share * data[d + S_IM]
-            s[lane + POWER] += power
-            s[lane + FAST] += square * power
-            s[lane + ALONG] += fr * y_re + fi * y_im + p[lane + M] * square * power
-            s[lane + ACROSS] += wi * (fi * y_re - fr * y_im)
-            s[lane + W1] += wi
-            s[lane + W2] += square
-
-
-@called
-def gather(data, o, w, begin, end, p, s):
-    """Sums of the lines at K and C, whose half Hessian is that of KK to CC."""
-    for lane in range(W):
-        for at in range(lane + SUM_K, lane + IK, W):
-            s[at] = 0.0
-        det = s[lane + KK] * s[lane + CC] - s[lane + KC] * s[lane + KC]
-        s[lane + IK], s[lane + IX], s[lane + IC] = s[lane + CC] / det, -s[lane + KC] / det, s[lane + KK] / det
-    for i in range(begin, end):
-        wi = w[i]
-        square = wi * wi
-        line = o + i * LINE
-        for lane in range(W):
-            d = line + lane
-            y_re, y_im = data[d + Y_RE], data[d + Y_IM]
-            pr, pi, py = p[lane + PR], p[lane + PI], p[lane + PY]
-            ik, ix, ic = s[lane + IK], s[lane + IX], s[lane + IC]
+            d, q = line + lane, to + lane
             a, b = s[lane + K] - p[lane + M] * square, wi * s[lane + C]
+            _, share, v_re, v_im, c_re, c_im, r_re, r_im = of_line(
+                data[d + F_RE], data[d + F_IM], data[d + Y_RE], data[d + Y_IM],
+                p[lane + PF], p[lane + PY], p[lane + PR], p[lane + PI], a, b,
+            )  # fmt: skip
             z = a * a + b * b
-            var = p[lane + PF] + z * py - 2.0 * (a * pr + b * pi)
-            share = 1.0 / var
-            v_re = (data[d + F_RE] - (a * y_re - b * y_im)) * share
-            v_im = (data[d + F_IM] - (a * y_im + b * y_re)) * share
-            c_re, c_im = pr - a * py, b * py - pi
-            t_re, t_im = c_re * v_re - c_im * v_im, c_re * v_im + c_im * v_re
-            r_re, r_im = y_re - t_re, y_im - t_im
-            e_re, e_im = r_re - t_re, r_im - t_im  # Y - 2 C v
             ratio = (data[d + S_FF] + z * data[d + S_YY] - 2.0 * (a * data[d + S_RE] + b * data[d + S_IM])) * share
-            signal = (r_re * r_re + r_im * r_im) * share
-            kk = (ik * ik + square * ix * ix) * signal * ratio
-            cc = (ix * ix + square * ic * ic) * signal * ratio
-            hat = (ik + square * ic) * signal
-            of_hat = hat * ratio
+            h = (r_re * r_re + r_im * r_im) * share
+            g = square * h
+            hr, gr = h * ratio, g * ratio
             power = v_re * v_re + v_im * v_im
+            e_re, e_im = r_re - (c_re * v_re - c_im * v_im), r_im - (c_re * v_im + c_im * v_re)  # Y - 2 C v
             tk, tc = (v_re * e_re + v_im * e_im) * share, wi * (v_im * e_re - v_re * e_im) * share
-            s[lane + SUM_K] += kk
-            s[lane + SQUARE_K] += kk * kk
-            s[lane + SUM_C] += cc
-            s[lane + SQUARE_C] += cc * cc
-            s[lane + HATS] += hat
-            s[lane + BY_HAT] += of_hat
-            s[lane + HAT_SQUARE] += of_hat * of_hat
-            s[lane + CROSS] += of_hat * ratio
-            s[lane + ALIKE] += ratio
-            s[lane + ALIKE_SQUARE] += ratio * ratio
-            s[lane + KA] += tk
-            s[lane + KB] += tk * z - a * power
-            s[lane + KR] += power - 2.0 * a * tk
-            s[lane + KI] -= 2.0 * b * tk
-            s[lane + CA] += tc
-            s[lane + CB] += tc * z - wi * b * power
-            s[lane + CR] -= 2.0 * a * tc
-            s[lane + CI] += wi * power - 2.0 * b * tc
+            out[q + H] += h
+            out[q + G] += g
+            out[q + HR] += hr
+            out[q + GR] += gr
+            out[q + HR2] += hr * hr
+            out[q + HG] += hr * gr
+            out[q + GR2] += gr * gr
+            out[q + HRR] += hr * ratio
+            out[q + GRR] += gr * ratio
+            out[q + R] += ratio
+            out[q + R2] += ratio * ratio
+            out[q + KA] += tk
+            out[q + KB] += tk * z - a * power
+            out[q + KR] += power - 2.0 * a * tk
+            out[q + KI] -= 2.0 * b * tk
+            out[q + CA] += tc
+            out[q + CB] += tc * z - wi * b * power
+            out[q + CR] -= 2.0 * a * tc
+            out[q + CI] += wi * power - 2.0 * b * tc
+
+
+@cache
+def line_sums() -> Callable[..., None]:
+    """Kernel that fills the rows H to CI of each block and band; points: what `search` found."""
+    sources = 0  # see `compiled`
+
+    def line_sums(data, w, bands, given, points, p, s, out):
+        if sources == 0:
+            return
+        lines = np.uint64(w.size)
+        for at in range(np.uint64(out.size) // SUMS):
+            band = TWO * at % np.uint64(bands.size)
+            o = TWO * at // np.uint64(bands.size) * lines * LINE
+            for i in range(GIVEN):
+                p[i] = given[at * GIVEN + i]
+            for i in range(GK):
+                s[i] = points[at * GK + i]
+            _gather(data, o, w, bands[band], bands[band + ONE], p, s, out, at * SUMS)
+
+    return compiled(line_sums)
+
+
+@cache
+def sums_over_bands() -> Callable[..., None]:
+    """Kernel that adds up the lines of every band: values (blocks, lines, any), out (blocks, bands, any), all flat."""
+    sources = 0
+
+    def sums_over_bands(values, bands, lines, each, out):
+        if sources == 0:
+            return
+        for at in range(np.uint64(out.size) // each):
+            band = TWO * at % np.uint64(bands.size)
+            o, to = TWO * at // np.uint64(bands.size) * lines, at * each
+            for i in range(bands[band], bands[band + ONE]):
+                for j in range(each):
+                    out[to + j] += values[(o + i) * each + j]
+
+    return compiled(sums_over_bands)

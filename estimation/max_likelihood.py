@@ -78,7 +78,9 @@ def maximum_likelihood(
     Raises:
         ValueError: The mass is not positive.
     """
-    from estimation import band_likelihood  # with the compiler, whose import takes long
+    from estimation.band_bounds import bounds  # with the compiler, whose import takes long
+    from estimation.band_errors import estimate
+    from estimation.band_likelihood import bands_of
 
     mass = np.asarray(mass, dtype=float)
     if not np.all(mass > 0):
@@ -99,21 +101,18 @@ def maximum_likelihood(
         )
     )
     slices = band_slices(statistics.frequency, bands)
-    # A copy, because numba compiles another version for arrays that are read-only.
-    masses = np.array(np.broadcast_to(mass, shape).reshape(-1))
-    lines = 2 * np.pi * statistics.frequency, masses, slices
-    data = band_likelihood.in_blocks(f, y, sff, syy, sfy)
-    found = band_likelihood.estimate(data, *lines, statistics.periods)
-    ends = np.full((len(masses), len(bands), 4), np.nan)
+    masses = np.broadcast_to(mass, shape).reshape(-1)
+    own = bands_of(f, y, sff, syy, sfy, 2 * np.pi * statistics.frequency, masses, slices)
+    found = estimate(own, statistics.periods)
+    ends = np.full((4, *found.cost.shape), np.nan)
     if intervals:
         threshold = scipy.special.stdtrit(found.freedom, (1 + level) / 2) ** 2 / 2 * found.ratio
-        ends = band_likelihood.bounds(data, *lines, found, threshold)
-    fit_p = scipy.special.fdtrc(
-        found.cost_freedom, found.cost_freedom * (statistics.periods - 1), found.cost / found.expected
-    )
-    informative = np.all(np.isfinite(ends), axis=-1)
-    own = (*found.at, *found.se, *np.moveaxis(ends, -1, 0), found.cost, fit_p, informative, found.noise_share)
-    return BandEstimate(*(values.reshape(*shape, len(bands)) for values in own))
+        ends = bounds(own, found, threshold)
+    freedom = found.cost_freedom
+    fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), found.cost / found.expected)
+    informative = np.all(np.isfinite(ends), axis=0)
+    values = (*found.at, *found.se, *ends, found.cost, fit_p, informative, found.noise_share)
+    return BandEstimate(*(own.of_lanes(cells).reshape(*shape, len(bands)) for cells in values))
 
 
 def lane(estimate: BandEstimate, index: int) -> BandEstimate:
