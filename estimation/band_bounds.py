@@ -27,15 +27,15 @@ def bounds(bands: Bands, found: Found, threshold: np.ndarray) -> np.ndarray:
         far = np.where(py > 0, bands.moments[0] / py - found.cost, np.inf)
         steps = np.where(np.isfinite(found.se) & (far > threshold), steps, np.nan)
     return np.stack([
-        _bound(bands, found, threshold[of], sign * steps[of], of)
+        _bound(bands, found, threshold[of], sign * steps[of], of, sign * np.inf)
         for of in range(2)
         for sign in (-1, 1)
     ])  # fmt: skip
 
 
-def _bound(bands: Bands, found: Found, threshold: np.ndarray, step: np.ndarray, of: int) -> np.ndarray:
-    """Bounds (cells) of k (of = 0) or c (1), which are sought from the minimum in steps of `step`; nan: not sought."""
-    end = np.where(np.isfinite(found.at[of]), np.inf, np.nan) * np.where(np.signbit(step), -1, 1)
+def _bound(bands: Bands, found: Found, threshold: np.ndarray, step: np.ndarray, of: int, far: float) -> np.ndarray:
+    """Bounds (cells) of k (of = 0) or c (1), which are sought from the minimum in steps of `step`; far if not found."""
+    end = np.where(np.isfinite(found.at[of]), far, np.nan)
     leaving = np.isfinite(step)
     closing, known = np.zeros_like(leaving), found.at
     inside, g_in = np.zeros(step.shape), np.full(step.shape, -1.0)

@@ -70,9 +70,10 @@ def estimate(bands: Bands, periods: int) -> Found:
         squares = of_h * of_h * hr2 + 2 * of_h * of_g * hg + of_g * of_g * gr2
         # Lines of unequal noise give a pooled covariance with fewer degrees of freedom.
         same = np.minimum(thin * alike * alike / alike_square, n)
-        turned = ((ik * a + ix * b, ix * a + ic * b) for a, b in zip(by[:4], by[4:], strict=True))
-        weights = _quadratic(*(np.stack(pair) for pair in turned), *bands.pooled)
-        sums += 2 * weights / (same * (periods - 1))
+        of_k, of_c = by[:4], by[4:]
+        for i, (x, y) in enumerate(((ik, ix), (ix, ic))):
+            turned = (x * a + y * b for a, b in zip(of_k, of_c, strict=True))
+            sums[i] += 2 * _quadratic(*turned, *bands.pooled) / (same * (periods - 1))
         # The leverages are scaled to sum to one; those of the exact Hessian can be far from that in noise.
         hats = ik * h + ic * g
         expected = alike - (ik * hr + ic * gr) / hats
@@ -121,7 +122,9 @@ def _quadratic(
 
     It equals tr(M C M C) with the Hermitian matrix M of the coefficients.
     """
-    g, cross = (re + 1j * im) / 2, pr + 1j * pi
-    p, q = a * pf + g * cross.conj(), a * cross + g * py
-    u, v = g.conj() * pf + b * cross.conj(), g.conj() * cross + b * py
-    return (p * p + 2.0 * q * u + v * v).real
+    g_re, g_im = re / 2, im / 2
+    along, across = g_re * pr + g_im * pi, g_im * pr - g_re * pi
+    p, v = a * pf + along, along + b * py
+    q_re, q_im = a * pr + g_re * py, a * pi + g_im * py
+    u_re, u_im = g_re * pf + b * pr, g_im * pf + b * pi
+    return p * p + v * v - 2.0 * (across * across - q_re * u_re - q_im * u_im)

@@ -6,6 +6,7 @@ The search and its notation are in `band_search`, the standard errors in `band_e
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from threading import Lock
 
 import numpy as np
@@ -26,6 +27,7 @@ class Bands:
         w: Angular frequencies (n,), rad/s.
         slices: First line and the one behind the last of every band (bands, 2).
         lanes: Number of lanes.
+        given: Rows M to PI of `band_search`, flat.
         mass: Cells of it, kg.
         pooled: Covariances of a line's noise, the mean over the band, (4, cells): of the force, of the displacement,
             and of both, real and imaginary.
@@ -36,6 +38,7 @@ class Bands:
     w: np.ndarray
     slices: np.ndarray
     lanes: int
+    given: np.ndarray
     mass: np.ndarray
     pooled: np.ndarray
     moments: np.ndarray
@@ -60,17 +63,15 @@ class Bands:
         """
         out = np.empty((*self.mass.shape[:2], row(int(GK)), LANES))
         scratch = aligned((int(GIVEN),)), aligned((int(LAST),))
-        given = _rows(self.mass[None], self.pooled)
         starts = np.moveaxis(starts, (0, 1), (2, 3)).reshape(-1)
-        _made(search)(*self._flat(), given, starts, held, tolerance, *scratch, out.reshape(-1))
+        _made(search)(*self._flat(), self.given, starts, held, tolerance, *scratch, out.reshape(-1))
         return np.moveaxis(out, 2, 0)
 
     def sums(self, points: np.ndarray) -> np.ndarray:
         """Rows H to CI of `band_sums`, (any, cells), at points (6, cells)."""
         out = np.empty((*self.mass.shape[:2], row(int(SUMS)), LANES))
         scratch = aligned((int(GIVEN),)), aligned((int(LAST),))
-        given = _rows(self.mass[None], self.pooled)
-        _made(line_sums)(*self._flat(), given, _rows(points), *scratch, out.reshape(-1))
+        _made(line_sums)(*self._flat(), self.given, _rows(points), *scratch, out.reshape(-1))
         return np.moveaxis(out, 2, 0)
 
     def _flat(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -110,15 +111,20 @@ def bands_of(
     flat = slices.astype(np.uint64).reshape(-1)
     _made(sums_over_bands)(terms.reshape(-1), flat, np.uint64(n), np.uint64(8 * LANES), sums.reshape(-1))
     sums = np.moveaxis(sums, 2, 0)
+    pooled = sums[4:] / np.diff(slices, axis=1)
     masses = np.ones(len(data) * LANES)
     masses[:lanes] = mass
     cells = np.broadcast_to(masses.reshape(-1, 1, LANES), sums.shape[1:])
-    return Bands(data, w, slices, lanes, cells, sums[4:] / np.diff(slices, axis=1), sums[:4])
+    return Bands(data, w, slices, lanes, _rows(cells[None], pooled), cells, pooled, sums[:4])
 
 
 def _rows(*groups: np.ndarray) -> np.ndarray:
     """Groups of rows (any, cells), flat, in the order of the kernels: blocks, bands, rows, LANES."""
-    return np.moveaxis(np.concatenate(groups), 0, 2).reshape(-1)
+    blocks, bands, lanes = groups[0].shape[1:]
+    out = np.empty((blocks, bands, sum(map(len, groups)), lanes))
+    for at, values in enumerate(chain.from_iterable(groups)):
+        out[:, :, at] = values
+    return out.reshape(-1)
 
 
 def _made(kernel: Callable[[], Callable[..., None]]) -> Callable[..., None]:

@@ -128,8 +128,7 @@ def _judge(s, tolerance):
 
 @called
 def _minimise(data, o, w, begin, end, p, s, held, tolerance):
-    """Damped Newton search from K and C of the lanes whose LEFT is positive."""
-    expand(data, o, w, begin, end, p, s, K)
+    """Damped Newton search from the point of the lanes whose LEFT is positive."""
     for lane in range(W):
         s[lane + DAMP] = 1e-6
     for _ in range(_ITERATIONS):
@@ -162,6 +161,8 @@ def _of_band(data, o, w, begin, end, p, s, starts, first, count, held, tolerance
     for lane in range(W):
         s[lane + LEFT] = 1.0 if s[lane + LEAST] < inf else 0.0
         s[lane + K], s[lane + C] = s[lane + TRIAL + K], s[lane + TRIAL + C]
+    if count > ONE:
+        expand(data, o, w, begin, end, p, s, K)
     _minimise(data, o, w, begin, end, p, s, held, tolerance)
 
 
