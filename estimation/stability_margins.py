@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.lines.curves import Crossings, crossings, largest, refine, smooth_response
+from estimation.lines.curves import Crossings, crossings, largest, refine, refined_parts, smooth_response
 
 CONFIDENCE = 0.95
 MISSING_SHARE = 0.05  # an interval end is withheld when the margin is absent in a larger share of the draws
@@ -103,12 +103,10 @@ def margin_arrays(frequency: ArrayLike, sensitivity: ArrayLike) -> dict[str, Arr
     Raises:
         ValueError: Bad input.
     """
-    s = np.asarray(sensitivity)
-    if s.ndim != 2 or len(s) <= TOGETHER:
-        return _margin_arrays(*_refined(frequency, s))
-    # Few at a time stay in the fast memory.
-    parts = [_margin_arrays(*_refined(frequency, s[i : i + TOGETHER])) for i in range(0, len(s), TOGETHER)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    gain = _checked_gain(frequency, sensitivity)
+    grid, curves = refined_parts(frequency, gain.reshape(-1, gain.shape[-1]), TOGETHER)
+    parts = [_margin_arrays(grid, curve) for curve in curves]
+    return {name: np.concatenate([part[name] for part in parts]).reshape(gain.shape[:-1]) for name in parts[0]}
 
 
 def _margin_arrays(grid: Array, gain: NDArray[np.complex128]) -> dict[str, Array]:
@@ -176,12 +174,17 @@ def _smoothed(f: Array, gain: NDArray[np.complex128], variance: Array) -> NDArra
 
 
 def _refined(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
+    return refine(frequency, _checked_gain(frequency, sensitivity))
+
+
+def _checked_gain(frequency: ArrayLike, sensitivity: ArrayLike) -> NDArray[np.complex128]:
+    """Loop gains (..., n) at the lines, which curves are laid through."""
     # L is interpolated and not S: near a sharp peak of S, L is still smooth. For peaks of 8 to 15 at lines 5 Hz apart
     # the error is 0.03 % instead of 8 %.
     gain = loop_gain(sensitivity)
     if gain.ndim == 0 or gain.shape[-1] != np.size(frequency):
         raise ValueError(f"sensitivity must have {np.size(frequency)} lines in its last dimension, one per frequency")
-    return refine(frequency, gain)
+    return gain
 
 
 def _peak(grid: Array, gain: NDArray[np.complex128]) -> tuple[Array, Array]:

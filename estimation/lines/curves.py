@@ -1,5 +1,6 @@
 """Curves over log frequency through values at lines: interpolation, smoothing, peaks and crossings."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,18 +26,31 @@ def refine(frequency: ArrayLike, values: ArrayLike) -> tuple[Array, NDArray[np.c
     Raises:
         ValueError: Bad frequencies.
     """
+    v = np.asarray(values, dtype=complex)
+    grid, curves = refined_parts(frequency, v.reshape(-1, v.shape[-1]), v.size)
+    return grid, next(curves).reshape(*v.shape[:-1], grid.size)
+
+
+def refined_parts(
+    frequency: ArrayLike, values: NDArray[np.complex128], together: int
+) -> tuple[Array, Iterator[NDArray[np.complex128]]]:
+    """As `refine`, of values (k, n), a few curves (`together`, m) at a time, which stay in the fast memory."""
     x = np.log(_checked_frequency(frequency))
     inside = x[:-1, None] + np.diff(x)[:, None] * (np.arange(REFINEMENT) / REFINEMENT)
     grid = np.append(inside.ravel(), x[-1])
-    v = np.asarray(values, dtype=complex)
-    coefficients = scipy.interpolate.CubicSpline(x, v.reshape(-1, x.size), axis=-1).c  # (4, n - 1, curves)
-    # The same in real numbers and in order of the grid takes a fifth of the time of the spline's own evaluation.
-    parts = np.ascontiguousarray(coefficients).view(float)
-    curve = np.empty((grid.size, parts.shape[-1]))
-    within = curve[:-1].reshape(*inside.shape, -1)
-    _cubic(parts[:, :, None], (inside - x[:-1, None])[..., None], within)
-    _cubic(parts[:, -1], x[-1] - x[-2], curve[-1])
-    return grid, np.ascontiguousarray(curve.view(complex).T).reshape(*v.shape[:-1], grid.size)
+    coefficients = scipy.interpolate.CubicSpline(x, values, axis=-1).c  # (4, n - 1, k)
+
+    def parts() -> Iterator[NDArray[np.complex128]]:
+        # The same in real numbers and in order of the grid takes a fifth of the time of the spline's own evaluation.
+        for start in range(0, max(len(values), 1), together):
+            own = np.ascontiguousarray(coefficients[..., start : start + together]).view(float)
+            curve = np.empty((grid.size, own.shape[-1]))
+            within = curve[:-1].reshape(*inside.shape, own.shape[-1])
+            _cubic(own[:, :, None], (inside - x[:-1, None])[..., None], within)
+            _cubic(own[:, -1], x[-1] - x[-2], curve[-1])
+            yield np.ascontiguousarray(curve.view(complex).T)
+
+    return grid, parts()
 
 
 def _cubic(coefficients: Array, s: ArrayLike, out: Array) -> None:

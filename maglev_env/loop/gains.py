@@ -220,6 +220,8 @@ def controller_output(
 
 def reads_current(controllers: Controllers, dt: float) -> bool:
     """Whether a controller has the coil's current as an input."""
+    if isinstance(controllers, Gains):
+        return False
     return any(one.reads_current for one in linear_ones(controllers, dt))
 
 
