@@ -79,7 +79,7 @@ def evaluate(
 
     def judged(chunk: slice, made: Sequence[Prepared]) -> Evaluation:
         own = [stacked(one[chunk]) for one in per_axis]
-        found = [_evaluate_chunk(part, own, bands, goal) for part in made]
+        found = [evaluated(part, own, bands, goal) for part in made]
         return _worst(goal, found) if goal and len(found) > 1 else found[0]
 
     def done(part: Evaluation) -> None:
@@ -109,12 +109,20 @@ def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
     )
 
 
-def _evaluate_chunk(
+def evaluated(
     prepared: Prepared,
     targets: Sequence[ScoreTarget],
     bands: np.ndarray | None,
     goal: Goal | None,
 ) -> Evaluation:
+    """As `evaluate`, of experiments with their lanes, which are simulated here unless they were.
+
+    Args:
+        prepared: The experiments.
+        targets: Of each axis, those of all experiments (see `score.stacked`).
+        bands: As for `evaluate`.
+        goal: What the score is of.
+    """
     experiments, blocks = prepared.experiments, prepared.blocks
     simulated = simulate_statistics(experiments, threads=1, blocks=blocks, gathered=prepared.gathered)
     radius = pole_radii(experiments)
