@@ -57,7 +57,11 @@ def of_line(f_re, f_im, y_re, y_im, pf, py, pr, pi, a, b):
 
 @called
 def expand(data, o, w, begin, end, p, s, at):
-    """Fill the rows from COST on of the point at `at` (0 or TRIAL) from its K and C."""
+    """Fill the rows from COST on of the point at `at` (0 or TRIAL) from its K and C.
+
+    All rows that it changes stand at fixed distances from each other: of others the compiler would not know that they
+    do not overlap, and the loop over lanes would fall back to single numbers.
+    """
     for g in range(at + COST, at + TRIAL):
         s[g] = 0.0
     for i in range(begin, end):
