@@ -152,7 +152,8 @@ def _of_axis(
     whole, first = experiments[0], axis_experiment(experiments[0], axis)
     band = np.array([whole.rig.target.band], dtype=float)
     alive = np.isnan(simulated.touchdown_time)
-    rigs = [axis_rig(e.rig, axis) for e in experiments]
+    of_rig = {id(e.rig): axis_rig(e.rig, axis) for e in {id(e.rig): e for e in experiments}.values()}  # mostly one
+    rigs = [of_rig[id(e.rig)] for e in experiments]
     mass = np.array([rig.mass for rig in rigs])[alive]
     force = force_statistics(_at_lines(simulated, first, axis, "force", ("force", "displacement")), first)
     if bands is None:
