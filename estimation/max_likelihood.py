@@ -78,7 +78,9 @@ def maximum_likelihood(
     Raises:
         ValueError: The mass is not positive.
     """
-    from estimation import band_likelihood  # with the compiler, whose import takes long
+    from estimation.band_bounds import bounds  # with the compiler, whose import takes long
+    from estimation.band_errors import estimate
+    from estimation.band_likelihood import bands_of
 
     mass = np.asarray(mass, dtype=float)
     if not np.all(mass > 0):
@@ -99,20 +101,18 @@ def maximum_likelihood(
         )
     )
     slices = band_slices(statistics.frequency, bands)
-    # A copy, because numba compiles another version for arrays that are read-only.
-    masses = np.array(np.broadcast_to(mass, shape).reshape(-1))
-    lines = 2 * np.pi * statistics.frequency, masses, slices
-    found = band_likelihood.estimate(f, y, sff, syy, sfy, *lines, statistics.periods)
-    ends = np.full((len(masses), len(bands), 4), np.nan)
+    masses = np.broadcast_to(mass, shape).reshape(-1)
+    own = bands_of(f, y, sff, syy, sfy, 2 * np.pi * statistics.frequency, masses, slices)
+    found = estimate(own, statistics.periods)
+    ends = np.full((4, *found.cost.shape), np.nan)
     if intervals:
-        threshold = scipy.special.stdtrit(found[..., 6:8], (1 + level) / 2) ** 2 / 2 * found[..., 4:6]
-        ends = band_likelihood.bounds(f, y, *lines, found, threshold)
-    found, ends = found.reshape(*shape, len(bands), found.shape[-1]), ends.reshape(*shape, len(bands), 4)
-    k, c, k_se, c_se, *_, cost, share, expected, freedom = np.moveaxis(found[..., :12], -1, 0)
-    fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), cost / expected)
-    k_low, k_high, c_low, c_high = np.moveaxis(ends, -1, 0)
-    informative = np.all(np.isfinite(ends), axis=-1)
-    return BandEstimate(k, c, k_se, c_se, k_low, k_high, c_low, c_high, cost, fit_p, informative, share)
+        threshold = scipy.special.stdtrit(found.freedom, (1 + level) / 2) ** 2 / 2 * found.ratio
+        ends = bounds(own, found, threshold)
+    freedom = found.cost_freedom
+    fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), found.cost / found.expected)
+    informative = np.all(np.isfinite(ends), axis=0)
+    values = (*found.at, *found.se, *ends, found.cost, fit_p, informative, found.noise_share)
+    return BandEstimate(*(own.of_lanes(cells).reshape(*shape, len(bands)) for cells in values))
 
 
 def lane(estimate: BandEstimate, index: int) -> BandEstimate:

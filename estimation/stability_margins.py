@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.lines.curves import crossings, largest, least, refine, smooth_response
+from estimation.lines.curves import Crossings, crossings, largest, refine, refined_parts, smooth_response
 
 CONFIDENCE = 0.95
 MISSING_SHARE = 0.05  # an interval end is withheld when the margin is absent in a larger share of the draws
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Interval = tuple[float | None, float | None]
 
 
+TOGETHER = 32  # loops
 UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes from the interpolation
 
 
@@ -92,8 +93,8 @@ def peak_sensitivity(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Arra
 def margin_arrays(frequency: ArrayLike, sensitivity: ArrayLike) -> dict[str, Array]:
     """Margins of many loops: the numeric fields of `Margins` by name, each (...), nan where missing.
 
-    It needs about 2 kB of memory per loop and line; divide very large batches. The lines are taken as free of noise: an
-    upper gain margin is then too low where noise crosses the real axis; `margins` smooths before.
+    The lines are taken as free of noise: an upper gain margin is then too low where noise crosses the real axis;
+    `margins` smooths before.
 
     Args:
         frequency: Increasing frequencies (n,), Hz, n >= 4.
@@ -102,22 +103,26 @@ def margin_arrays(frequency: ArrayLike, sensitivity: ArrayLike) -> dict[str, Arr
     Raises:
         ValueError: Bad input.
     """
-    return _margin_arrays(*_refined(frequency, sensitivity))
+    gain = _checked_gain(frequency, sensitivity)
+    grid, curves = refined_parts(frequency, gain.reshape(-1, gain.shape[-1]), TOGETHER)
+    parts = [_margin_arrays(grid, curve) for curve in curves]
+    return {name: np.concatenate([part[name] for part in parts]).reshape(gain.shape[:-1]) for name in parts[0]}
 
 
 def _margin_arrays(grid: Array, gain: NDArray[np.complex128]) -> dict[str, Array]:
     re, im = gain.real, gain.imag
     out: dict[str, Array] = {}
     out["peak_sensitivity"], out["peak_frequency"] = _peak(grid, gain)
-    for name, (factor, at) in _gain_crossings(grid, gain).items():
-        out[name], out[f"{name}_frequency"] = least(factor, at, factor)
+    found, factors = _gain_crossings(grid, gain)
+    for name, factor in factors.items():
+        out[name], out[f"{name}_frequency"] = found.least(factor, factor)
     out["gain_margin_low"] = 1 / out["gain_margin_low"]
-    found, at, re_at, im_at = crossings(grid, re**2 + im**2 - 1, re, im)
-    lag = np.where(found, np.arctan2(-im_at, -re_at), np.inf)  # phase of -L, the phase lag that brings L to -1
-    out["phase_margin"], out["phase_margin_frequency"] = least(np.degrees(np.abs(lag)), at, np.abs(lag))
-    lag[found] %= 2 * np.pi
-    delay = lag / (2 * np.pi * np.exp(at))
-    out["delay_margin"], out["delay_margin_frequency"] = least(delay, at, delay)
+    found = crossings(grid, re**2 + im**2 - 1, re, im)
+    re_at, im_at = found.others
+    lag = np.arctan2(-im_at, -re_at)  # phase of -L, the phase lag that brings L to -1
+    out["phase_margin"], out["phase_margin_frequency"] = found.least(np.degrees(np.abs(lag)), np.abs(lag))
+    delay = lag % (2 * np.pi) / (2 * np.pi * np.exp(found.log_frequency))
+    out["delay_margin"], out["delay_margin_frequency"] = found.least(delay, delay)
     # |S - 1/2| = |1 - L| / (2 |1 + L|)
     ratio, out["disk_margin_frequency"] = largest(grid, ((1 - re) ** 2 + im**2) / ((1 + re) ** 2 + im**2))
     out["disk_margin"] = 2 / np.sqrt(ratio)
@@ -169,12 +174,17 @@ def _smoothed(f: Array, gain: NDArray[np.complex128], variance: Array) -> NDArra
 
 
 def _refined(frequency: ArrayLike, sensitivity: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
+    return refine(frequency, _checked_gain(frequency, sensitivity))
+
+
+def _checked_gain(frequency: ArrayLike, sensitivity: ArrayLike) -> NDArray[np.complex128]:
+    """Loop gains (..., n) at the lines, which curves are laid through."""
     # L is interpolated and not S: near a sharp peak of S, L is still smooth. For peaks of 8 to 15 at lines 5 Hz apart
     # the error is 0.03 % instead of 8 %.
     gain = loop_gain(sensitivity)
     if gain.ndim == 0 or gain.shape[-1] != np.size(frequency):
         raise ValueError(f"sensitivity must have {np.size(frequency)} lines in its last dimension, one per frequency")
-    return refine(frequency, gain)
+    return gain
 
 
 def _peak(grid: Array, gain: NDArray[np.complex128]) -> tuple[Array, Array]:
@@ -182,11 +192,12 @@ def _peak(grid: Array, gain: NDArray[np.complex128]) -> tuple[Array, Array]:
     return 1 / np.sqrt(-top), at
 
 
-def _gain_crossings(grid: Array, gain: NDArray[np.complex128]) -> dict[str, tuple[Array, Array]]:
-    """Gain factor to instability per side (greater than 1; inf where none) and log frequency, at each grid interval."""
-    found, at, re_at = crossings(grid, gain.imag, gain.real)
-    high = np.divide(-1, re_at, out=np.full_like(re_at, np.inf), where=found & (re_at < 0) & (re_at > -1))
-    return {"gain_margin_high": (high, at), "gain_margin_low": (np.where(found & (re_at < -1), -re_at, np.inf), at)}
+def _gain_crossings(grid: Array, gain: NDArray[np.complex128]) -> tuple[Crossings, dict[str, Array]]:
+    """Crossings of the real axis, and at each the gain factor to instability per side (greater than 1; inf: none)."""
+    found = crossings(grid, gain.imag, gain.real)
+    (re_at,) = found.others
+    high = np.divide(-1, re_at, out=np.full_like(re_at, np.inf), where=(re_at < 0) & (re_at > -1))
+    return found, {"gain_margin_high": high, "gain_margin_low": np.where(re_at < -1, -re_at, np.inf)}
 
 
 def _quantiles(values: Array) -> tuple[float, float]:
@@ -223,9 +234,11 @@ def _intervals(
     ends["gain_margin_high"] = _quantiles(drawn["gain_margin_high"])
     # Noise adds crossings: the near end takes the worst of each draw, the far end the one closest to the crossing of
     # the smooth curve.
-    factor, at = _gain_crossings(grid, gain)["gain_margin_low"]
-    away = np.where(np.isinf(factor), np.inf, np.abs(at - np.log(middle["gain_margin_low_frequency"])))
-    near, far = _quantiles(least(factor, at, factor)[0])[0], _quantiles(least(factor, at, away)[0])[1]
+    found, factors = _gain_crossings(grid, gain)
+    factor = factors["gain_margin_low"]
+    away = np.abs(found.log_frequency - np.log(middle["gain_margin_low_frequency"]))
+    away = np.where(np.isinf(factor), np.inf, away)
+    near, far = _quantiles(found.least(factor, factor)[0])[0], _quantiles(found.least(factor, away)[0])[1]
     ends["gain_margin_low"] = (1 / (np.nan if np.isnan(middle["gain_margin_low"]) else far), 1 / near)
     for name, (low, high) in ends.items():
         if np.mean(np.isnan(drawn[name])) > MISSING_SHARE:

@@ -7,6 +7,8 @@ as plain Python, for tests.
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from importlib import import_module
+from importlib.metadata import version
 from importlib.util import find_spec
 from threading import current_thread
 from types import SimpleNamespace
@@ -55,8 +57,20 @@ def require_gpu() -> str:
             f"--device cuda: no usable CUDA GPU: {why}. A GPU of NVIDIA, its driver and {INSTALL} are needed; "
             "nvidia-smi shows what there is. Or use --device cpu"
         )
+    _require_fitting_numpy()
     name = cuda.get_current_device().name
     return name.decode() if isinstance(name, bytes) else str(name)
+
+
+def _require_fitting_numpy() -> None:
+    """Raise ValueError where numba-cuda, which has no upper bound of numpy, takes something from it that is gone."""
+    try:
+        import_module("numba.cuda.cudaimpl")  # otherwise imported with the first kernel
+    except (AttributeError, ImportError) as error:
+        raise ValueError(
+            f"--device cuda: numba-cuda {version('numba-cuda')} does not work with numpy {np.__version__} ({error}): "
+            f"{INSTALL} brings versions that fit. Or use --device cpu"
+        ) from error
 
 
 def free_memory() -> int:

@@ -57,26 +57,55 @@ class PeriodStatistics:
 
     def mean(self) -> np.ndarray:
         """Mean amplitudes, complex (LANES, channels, lines)."""
-        return as_complex(self._mean)
+        return self._whole()[0]
 
     def covariance(self) -> np.ndarray:
         """Covariances of the means, E[n_a conj(n_b)], complex (LANES, channels, channels, lines).
 
         It is the sample covariance over the periods divided by their number.
         """
+        return self._whole()[1]
+
+    def write(
+        self, mean: np.ndarray, covariance: np.ndarray, lanes: np.ndarray, channels: Sequence[int], lines: np.ndarray
+    ) -> None:
+        """Write `mean` and `covariance` of some lanes, channels and lines, given by their numbers, into arrays."""
+        parts = _parts(mean)
+        for i, channel in enumerate(channels):
+            parts[:, i] = _of_lanes(self._mean[channel], lanes, lines)
+        numbers = {channel: i for i, channel in enumerate(self._noisy.tolist())}
+        share, parts = 1.0 / ((self.periods - 1) * self.periods), _parts(covariance)
+        for i, a in enumerate(channels):
+            for j, b in enumerate(channels):
+                if a not in numbers or b not in numbers:
+                    parts[:, i, j] = 0.0
+                elif b <= a:
+                    parts[:, i, j] = _of_lanes(self._second[numbers[a], numbers[b]], lanes, lines)
+                    parts[:, i, j] *= share
+                else:
+                    parts[:, i, j] = _of_lanes(self._second[numbers[b], numbers[a]], lanes, lines)
+                    parts[:, i, j] *= (share, -share)
+
+    def _whole(self) -> tuple[np.ndarray, np.ndarray]:
         channels, lines = self._mean.shape[:2]
-        found = np.zeros((W, channels, channels, lines), complex)
-        whole = as_complex(self._second) / ((self.periods - 1) * self.periods)
-        for i, a in enumerate(self._noisy):
-            for j, b in enumerate(self._noisy[: i + 1]):
-                found[:, a, b] = whole[:, i, j]
-                found[:, b, a] = whole[:, i, j].conj()
+        found = np.empty((W, channels, lines), complex), np.empty((W, channels, channels, lines), complex)
+        self.write(*found, np.arange(W), range(channels), np.arange(lines))
         return found
 
 
 def as_complex(parts: np.ndarray) -> np.ndarray:
     """Complex numbers with the lanes first, from (..., 2, LANES)."""
     return np.moveaxis(parts[..., 0, :] + 1j * parts[..., 1, :], -1, 0)
+
+
+def _parts(values: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts (..., 2) of complex numbers, as a view."""
+    return values.view(float).reshape(*values.shape, 2)
+
+
+def _of_lanes(values: np.ndarray, lanes: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """(lanes, lines, 2) of (lines, 2, LANES)."""
+    return values[lines][..., lanes].transpose(2, 0, 1)
 
 
 @piece

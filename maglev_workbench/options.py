@@ -65,7 +65,7 @@ PolicyOption = Annotated[
 ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads (default: all cores); results do not change.")]
 DeviceOption = Annotated[
     str,
-    typer.Option(help="Where experiments are simulated: cpu, or cuda: a GPU of NVIDIA, other in the last digits."),
+    typer.Option(help="Where experiments are simulated: cpu, or cuda (extra [cuda]; differs in the last digits)."),
 ]
 SchedulerOption = Annotated[
     str | None,

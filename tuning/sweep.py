@@ -1,6 +1,7 @@
 """Gain sweeps: every gain set through the same identification experiment, stored in chunks and resumable."""
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
@@ -238,24 +239,23 @@ class _Chunk:
             for i, gains in enumerate(_controllers(s, self.gains), self.start)
         ]
 
-    def columns(self, threads: int | None = 1, progress: Callable[[int], None] | None = None) -> dict[str, np.ndarray]:
-        """All arrays of their evaluation."""
+    def columns(self) -> dict[str, np.ndarray]:
+        """All arrays of their evaluation, on one thread."""
         from maglev_env.evaluation.evaluate import evaluate  # takes long to import
 
-        return _columns(evaluate(self.experiments(), threads, progress, device=self.sweep.device))
+        return _columns(evaluate(self.experiments(), 1))
 
 
 def _made(
     chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None], workers: "Workers | None"
 ) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
     """Chunks and their columns as they are finished."""
-    if workers is None and chunks and chunks[0].sweep.device != "cpu":
-        for start in range(0, len(chunks), TOGETHER):
-            yield from _together(chunks[start : start + TOGETHER], threads, progress)
-        return
     if workers is None:
-        for chunk in chunks:
-            yield chunk, chunk.columns(threads, progress)
+        # A chunk alone would keep two threads busy.
+        on_cpu = bool(chunks) and chunks[0].sweep.device == "cpu"
+        size = (threads or os.cpu_count() or 1) if on_cpu else TOGETHER
+        for start in range(0, len(chunks), size):
+            yield from _together(chunks[start : start + size], threads, progress)
         return
     for i, columns in workers.each(_Chunk.columns, chunks):
         yield chunks[i], columns
@@ -265,7 +265,7 @@ def _made(
 def _together(
     chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None]
 ) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
-    """Chunks and their columns, evaluated together, because a GPU is as fast with many as with few."""
+    """Chunks and their columns, evaluated together: a chunk is too little for many threads and for a GPU."""
     from maglev_env.evaluation.evaluate import evaluate
 
     experiments = [e for chunk in chunks for e in chunk.experiments()]

@@ -52,6 +52,8 @@ class LineStatistics:
         """The same statistics at a subset of the lines, and of some channels alone; None: of all."""
         keep = np.flatnonzero(np.isin(self.lines, np.asarray(lines)))
         own = np.arange(len(self.channels)) if channels is None else np.array([self.index(c) for c in channels])
+        if len(keep) == len(self.lines) and own.tolist() == list(range(len(self.channels))):
+            return self
         return replace(
             self,
             frequency=self.frequency[keep],
@@ -79,13 +81,11 @@ def held(statistics: LineStatistics, channel: str, sample_rate: float) -> LineSt
 
 def multiplied(statistics: LineStatistics, channel: str, factor: np.ndarray) -> LineStatistics:
     """The statistics with a channel multiplied by a response (n,), such as that of a known lag or its inverse."""
-    factors = np.ones((len(statistics.channels), len(factor)), complex)
-    factors[statistics.index(channel)] = factor
-    return replace(
-        statistics,
-        mean=statistics.mean * factors,
-        covariance=statistics.covariance * factors[:, None] * np.conj(factors[None, :]),
-    )
+    i, mean, covariance = statistics.index(channel), statistics.mean.copy(), statistics.covariance.copy()
+    mean[..., i, :] *= factor
+    covariance[..., i, :, :] *= factor
+    covariance[..., :, i, :] *= np.conj(factor)
+    return replace(statistics, mean=mean, covariance=covariance)
 
 
 def period_spectra(signals: np.ndarray, lines: np.ndarray) -> np.ndarray:

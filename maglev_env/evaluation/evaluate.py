@@ -12,7 +12,6 @@ from estimation.lines.periods import LineStatistics
 from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
 from estimation.stability_margins import margin_arrays
-from estimation.xy.planar import axis_statistics
 from maglev_env.design.goals import goal_of
 from maglev_env.evaluation.devices import Prepared, simulated_groups
 from maglev_env.evaluation.evaluation import Evaluation, joined
@@ -80,7 +79,7 @@ def evaluate(
 
     def judged(chunk: slice, made: Sequence[Prepared]) -> Evaluation:
         own = [stacked(one[chunk]) for one in per_axis]
-        found = [_evaluate_chunk(part, own, bands, goal) for part in made]
+        found = [evaluated(part, own, bands, goal) for part in made]
         return _worst(goal, found) if goal and len(found) > 1 else found[0]
 
     def done(part: Evaluation) -> None:
@@ -110,12 +109,20 @@ def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
     )
 
 
-def _evaluate_chunk(
+def evaluated(
     prepared: Prepared,
     targets: Sequence[ScoreTarget],
     bands: np.ndarray | None,
     goal: Goal | None,
 ) -> Evaluation:
+    """As `evaluate`, of experiments with their lanes, which are simulated here unless they were.
+
+    Args:
+        prepared: The experiments.
+        targets: Of each axis, those of all experiments (see `score.stacked`).
+        bands: As for `evaluate`.
+        goal: What the score is of.
+    """
     experiments, blocks = prepared.experiments, prepared.blocks
     simulated = simulate_statistics(experiments, threads=1, blocks=blocks, gathered=prepared.gathered)
     radius = pole_radii(experiments)
@@ -145,12 +152,10 @@ def _of_axis(
     whole, first = experiments[0], axis_experiment(experiments[0], axis)
     band = np.array([whole.rig.target.band], dtype=float)
     alive = np.isnan(simulated.touchdown_time)
-    statistics = _lanes(simulated.statistics, alive)
-    if whole.rig.axes == 2:
-        statistics = axis_statistics(statistics, AXES[axis])
-    rigs = [axis_rig(e.rig, axis) for e in experiments]
+    of_rig = {id(e.rig): axis_rig(e.rig, axis) for e in {id(e.rig): e for e in experiments}.values()}  # mostly one
+    rigs = [of_rig[id(e.rig)] for e in experiments]
     mass = np.array([rig.mass for rig in rigs])[alive]
-    force = force_statistics(statistics, first)
+    force = force_statistics(_at_lines(simulated, first, axis, "force", ("force", "displacement")), first)
     if bands is None:
         protocol = protocol_of(whole.rig)
         bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
@@ -159,7 +164,8 @@ def _of_axis(
     start, stop = band_slices(force.frequency, band)[0]
     receptance, _ = frequency_response(force, "displacement", "force")
     ls = least_squares(force.frequency[start:stop], receptance[:, start:stop], mass)
-    injection = statistics.at_lines(lines_at(first.excitations, "current"))
+    read = ("displacement", "command", "injection") + (("position",) if first.sensor != "probe" else ())
+    injection = _at_lines(simulated, first, axis, "current", read)
     controllers = [of_axis(e.gains, axis) for e, lives in zip(experiments, alive, strict=True) if lives]
     sensitivity, variance = injected_sensitivity(injection, controllers, whole.rig.control_rate)
     if goal:
@@ -269,10 +275,14 @@ def _sensing_cost(
     return np.where(np.isnan(crossing), np.nan, added), with_probe["phase_margin"] - margins["phase_margin"]
 
 
-def _lanes(statistics: LineStatistics, keep: np.ndarray) -> LineStatistics:
-    if keep.all():
-        return statistics
-    return replace(statistics, mean=statistics.mean[keep], covariance=statistics.covariance[keep])
+def _at_lines(
+    simulated: SimulatedStatistics, of_axis: Experiment, axis: int, place: str, channels: Sequence[str]
+) -> LineStatistics:
+    """Channels of one axis at the lines of its excitation at a place, of experiments without a touchdown."""
+    ending = f"_{AXES[axis]}" if simulated.experiment.rig.axes == 2 else ""
+    names, alive = [f"{name}{ending}" for name in channels], np.isnan(simulated.touchdown_time)
+    found = simulated.at_lines(lines_at(of_axis.excitations, place), names, alive)
+    return replace(found, channels=tuple(channels))
 
 
 def _scatter(values: np.ndarray, alive: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -21,7 +22,7 @@ from maglev_env.loop.amplifier import CURRENT_SQ
 from maglev_env.loop.mechanics import ALIVE, STEPS
 from maglev_env.loop.self_sensing_pieces import OFF_PEAK, OFF_SQ, OFF_SUM
 from maglev_env.loop.sensor import PEAK_SQ
-from maglev_lanes.layout import LANES, row
+from maglev_lanes.layout import LANES, aligned, row
 from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.noise import line_noise, series_noise
 from maglev_lanes.period_statistics import PeriodStatistics
@@ -37,18 +38,49 @@ class SimulatedStatistics:
     """Results of n experiments that share excitations and periods, as the estimators need them.
 
     Args:
-        statistics: first axis: experiments; nan after a touchdown.
+        experiment: one of them.
+        gathered: the blocks behind their experiments.
         touchdown_time: (n,), s; nan without a touchdown.
         peak_displacement: (n,), m, over the kept periods; radial on an x-y rig.
         current_rms: (n,), A, over the kept periods; of the axis with the larger one.
         gap_error: error of self-sensing over the kept periods; of the axis with the larger rms.
     """
 
-    statistics: LineStatistics
+    experiment: Experiment
+    gathered: "Sequence[Gathered]"
     touchdown_time: np.ndarray
     peak_displacement: np.ndarray
     current_rms: np.ndarray
     gap_error: "GapError"
+
+    @cached_property
+    def statistics(self) -> LineStatistics:
+        """At all excited lines; first axis: experiments; nan after a touchdown."""
+        every = np.ones(len(self.touchdown_time), bool)
+        return self.at_lines(lines_at(self.experiment.excitations), spectral_channels(self.experiment), every)
+
+    def at_lines(self, lines: np.ndarray, channels: Sequence[str], keep: np.ndarray) -> LineStatistics:
+        """The statistics of some experiments (n,), at some of the excited lines and of some channels."""
+        first, row_of = self.experiment, np.cumsum(keep) - 1
+        names, excited = spectral_channels(first), lines_at(first.excitations)
+        places, at = [names.index(name) for name in channels], np.searchsorted(excited, lines)
+        count, n = int(keep.sum()), len(places)
+        mean = np.full((count, n, len(lines)), np.nan, complex)
+        covariance = np.full((count, n, n, len(lines)), np.nan, complex)
+        for done in self.gathered:
+            members = done.block.members
+            lanes = np.flatnonzero(done.state.alive()[: len(members)] & keep[members])
+            if not lanes.size:
+                continue
+            rows = row_of[members[lanes]]
+            if rows[-1] - rows[0] == len(rows) - 1:
+                of = slice(rows[0], rows[-1] + 1)
+                done.statistics.write(mean[of], covariance[of], lanes, places, at)
+                continue
+            own = mean[rows], covariance[rows]
+            done.statistics.write(*own, lanes, places, at)
+            mean[rows], covariance[rows] = own
+        return LineStatistics(lines * first.fundamental, lines, tuple(channels), mean, covariance, first.periods)
 
 
 @dataclass(frozen=True)
@@ -111,9 +143,7 @@ def simulate_statistics(
     if first.periods < 2:
         raise ValueError("experiment: statistics over periods need at least two kept periods")
     lines = lines_at(first.excitations)
-    n, channels = len(experiments), spectral_channels(first)
-    mean = np.full((n, len(channels), len(lines)), np.nan, complex)
-    covariance = np.full((n, len(channels), len(channels), len(lines)), np.nan, complex)
+    n, channels, finished = len(experiments), spectral_channels(first), []
     touchdown, peak, rms = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     errors = np.full((3, n), np.nan)
     applied = {place: line_amplitudes(first, place, lines) for place in ("force", "current")}
@@ -130,8 +160,7 @@ def simulate_statistics(
         block, state = done.block, done.state
         alive = state.alive()[: len(block.members)]
         members, kept = block.members[alive], np.flatnonzero(alive)
-        if kept.size:
-            mean[members], covariance[members] = done.statistics.mean()[kept], done.statistics.covariance()[kept]
+        finished.append(done)
         samples = first.periods * first.samples_per_period
         peak[members] = np.sqrt(state.axis_rows(PEAK_SQ)[0, kept])
         rms[members] = np.sqrt(state.axis_rows(CURRENT_SQ)[:, kept].max(axis=0) / samples)
@@ -144,8 +173,7 @@ def simulate_statistics(
     else:
         for done in gathered:
             take(done)
-    statistics = LineStatistics(lines * first.fundamental, lines, channels, mean, covariance, first.periods)
-    return SimulatedStatistics(statistics, touchdown, peak, rms, GapError(*errors))
+    return SimulatedStatistics(first, finished, touchdown, peak, rms, GapError(*errors))
 
 
 def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threads: int | None = None) -> np.ndarray:
@@ -238,7 +266,7 @@ class State:
         batch = block.batch
         pad = np.minimum(np.arange(LANES), batch.rows.shape[1] - 1)
         self.axes = batch.structure.axes
-        self.rows = _aligned((len(batch.rows), LANES))
+        self.rows = aligned((len(batch.rows), LANES))
         self.rows[:] = batch.rows[:, pad]
         self.seeds = np.ascontiguousarray(batch.seeds[..., pad])
         self.history = np.zeros(self.axes * batch.history_length * LANES)
@@ -271,14 +299,6 @@ class State:
     def touchdown_time(self) -> np.ndarray:
         """Seconds to touchdown per lane, nan for lanes still alive."""
         return np.where(self.alive(), np.nan, self.rows[row(STEPS)] / self._per_second)
-
-
-def _aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Uninitialised doubles that start at a cache line: a vector load across two cache lines takes twice the time."""
-    count = int(np.prod(shape))
-    raw = np.empty(count + 8)
-    start = (-raw.ctypes.data % 64) // 8
-    return raw[start : start + count].reshape(shape)
 
 
 def _common(experiments: Sequence[Experiment]) -> Experiment:
@@ -341,8 +361,8 @@ def stretches(
     step, switches = kernel(structure), structure.switches(block.substeps, oversampled, waves)
     of_sample = axes, len(structure.channels), LANES
     longest = max(driven[0].size for driven in schedule[silent:]) // (axes * waves)
-    out = _aligned((longest * (block.substeps if oversampled else 1), *of_sample))
-    unseen = _aligned((1, *of_sample))
+    out = aligned((longest * (block.substeps if oversampled else 1), *of_sample))
+    unseen = aligned((1, *of_sample))
     kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
     for i, driven in enumerate(schedule):
         samples = driven[0].size // (axes * waves)

@@ -152,12 +152,13 @@ def realised(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarray,
     controller = digital(controller, dt)
     if isinstance(controller, Gains):
         a_d, a_i = exp(-dt / controller.td), exp(-dt / controller.ti)
-        slope, on = controller.kd / controller.td, np.array([1.0, 1.0, 0.0])
+        slope = controller.kd / controller.td
+        direct = controller.kp + slope
         return (
-            np.diag([a_d, a_i]),
-            np.outer([1 - a_d, 1 - a_i], on),
+            np.array([[a_d, 0.0], [0.0, a_i]]),
+            np.array([[1 - a_d, 1 - a_d, 0.0], [1 - a_i, 1 - a_i, 0.0]]),
             np.array([-slope, controller.ki]),
-            (controller.kp + slope) * on,
+            np.array([direct, direct, 0.0]),
         )
     n = controller.order
     b, a = controller.numerators, np.array(controller.denominator)
@@ -219,6 +220,8 @@ def controller_output(
 
 def reads_current(controllers: Controllers, dt: float) -> bool:
     """Whether a controller has the coil's current as an input."""
+    if isinstance(controllers, Gains):
+        return False
     return any(one.reads_current for one in linear_ones(controllers, dt))
 
 

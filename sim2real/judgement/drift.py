@@ -13,15 +13,16 @@ from sim2real.judgement.dispersion import dispersion_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
-from sim2real.search.fitting import Fit, cost_of, real_product
+from sim2real.search.fitting import Fit, cost_of, inverse, reach, real_product
 
 DRIFT = "drift"
 LEAST = 4  # periods below which a trend cannot be told from noise
-STEP = 0.01  # relative change of the gain for its derivative
+STEP = 0.01  # relative change of the gain, at the end of the longest recording if it grows, for its derivative
 FALSE_ALARM = 1e-4
 NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
 CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain explains to count as something else
 OTHER = 0.3  # share of the trends that the gain's direction may leave, for its form and its derivative
+ROUNDS = 3  # of weighing the recordings
 FORM = 0.1  # relative error of the rate in one recording that a drift which is not steady may make
 
 
@@ -64,8 +65,10 @@ def drift_of(problem: Problem, fit: Fit) -> Drift | None:
     chi2 = float(((rate / sd) ** 2).sum())
     if stats.chi2.sf(chi2, len(rate)) > FALSE_ALARM:
         return None
-    weight = 1 / (sd**2 + (FORM * rate) ** 2)
-    mean = float((weight * rate).sum() / weight.sum())
+    mean = float((rate / sd**2).sum() / (1 / sd**2).sum())
+    for _ in range(ROUNDS):  # a weight that grew less with each rate of its own would pull the mean to the least
+        weight = 1 / (sd**2 + (FORM * mean) ** 2)
+        mean = float((weight * rate).sum() / weight.sum())
     left = float((weight * (rate - mean) ** 2).sum())
     other = beyond - (rate / sd) ** 2  # trends in other directions, beyond what noise makes
     surely = (other > CLEARLY * scatter) & (other > OTHER * beyond)
@@ -96,12 +99,15 @@ def _over_time(problem: Problem, fit: Fit, point: Point) -> tuple[float, float, 
     residual where all parameters of the fit follow, to first order."""
     if fit.jacobian is None or not problem.parts[0].record.nominal.controlled:
         return None
-    change = _by_rate(problem, point, STEP) / STEP
+    step = STEP / max(_duration(part.record) for part in problem.parts)
+    change = _by_rate(problem, point, step) / step
     if not np.isfinite(change).all() or not change.any():
         return None
-    cross, inverse = real_product(fit.jacobian, change), fit.covariance()
-    own = np.vdot(change, change).real - cross @ inverse @ cross
-    along = np.vdot(change, fit.residual).real - cross @ inverse @ fit.gradient
+    free = _free(fit)
+    jacobian = fit.jacobian[free]
+    cross, follow = real_product(jacobian, change), inverse(fit.normal[np.ix_(free, free)])
+    own = np.vdot(change, change).real - cross @ follow @ cross
+    along = np.vdot(change, fit.residual).real - cross @ follow @ fit.gradient[free]
     # What the fit lacks has a share along any direction.
     spread = dispersion_of(problem, fit).fit.ratio(0.0)
     if own <= 0:
@@ -114,12 +120,29 @@ def without_drift(problem: Problem, fit: Fit, rate: float) -> Fit:
     """A fit, to first order, with a gain that grows by `rate` (1/s) in the recordings without a period; the fit itself
     where that cannot be simulated or its Jacobian is not known."""
     change = _by_rate(problem, fit.hypothesis.point(fit.u), rate)
-    if fit.jacobian is None or not np.isfinite(change).all():
+    if fit.jacobian is None or not np.isfinite(change).all() or not change.any():
         return fit
-    residual = fit.residual - change
-    moved = fit.covariance() @ (real_product(fit.jacobian, residual) - fit.prior * fit.u)
+    free, residual = _free(fit), fit.residual - change
+    jacobian = fit.jacobian[free]
+    gradient = real_product(jacobian, residual) - fit.prior[free] * fit.u[free]
+    moved = np.zeros_like(fit.u)
+    moved[free] = inverse(fit.normal[np.ix_(free, free)]) @ gradient
+    moved = (
+        fit.hypothesis.bounded(fit.u + moved / np.max(abs(moved) / reach(fit.hypothesis, fit.u), initial=1.0)) - fit.u
+    )
     residual = residual - moved @ fit.jacobian
     return replace(fit, u=fit.u + moved, residual=residual, cost=cost_of(residual, fit.u + moved, fit.prior))
+
+
+def _free(fit: Fit) -> np.ndarray:
+    """Coordinates that may follow, (size,) bool: all but those at an end of the range that a fit searches."""
+    at_end = [c.at_bound(float(u)) for c, u in zip(fit.hypothesis.coordinates, fit.u, strict=False)]
+    return np.array([not held for held in at_end] + [True] * len(fit.hypothesis.calibrated))
+
+
+def _duration(record: Record | OpenRecord) -> float:
+    """Of what is simulated of a recording, s."""
+    return record.series["displacement"].shape[1] * record.experiment.rig.control_rate**-1 * getattr(record, "every", 1)
 
 
 def _by_rate(problem: Problem, point: Point, rate: float) -> np.ndarray:

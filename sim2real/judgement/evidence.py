@@ -42,6 +42,7 @@ class Evidence:
         causes: Cost of each effect that may explain one of the families in `judge.OPEN`.
         dispersion: What the best candidate leaves beyond noise.
         strain: Part of each candidate's cost that stated parameters make that moved by more than STRAINED tolerances.
+        by_drift: What a drift of the gain saves of each candidate's cost, which is less by that much.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -55,6 +56,7 @@ class Evidence:
     causes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     dispersion: Dispersion = NOISE_ALONE
     strain: np.ndarray | None = None
+    by_drift: np.ndarray | None = None
 
 
 def evidence_of(
@@ -66,18 +68,27 @@ def evidence_of(
 ) -> Evidence:
     """The evidence of fitted candidates, of tones (see `unsynchronised`) and of trends (see `drift`).
 
-    What the best candidate leaves is counted beside a drift of the gain, which has a weight of its own.
+    Costs, and what candidates leave, are counted beside a drift of the gain, which has a weight of its own.
     """
     p, candidates = attribution.problem, attribution.candidates
     cost = _costs(attribution)
-    residuals = [c.fit.residual for c in candidates]
+    fits = [c.fit for c in candidates]
+    if drift is not None:
+        for i, fit in enumerate(fits):
+            if cost[i] < cost.min() + NEAR_BEST or i == 0:
+                fits[i] = without_drift(p, fit, drift.rate)
+    saved = np.array(
+        [
+            max(c.fit.cost - fit.cost, 0.0) if np.isfinite(fit.cost) else 0.0
+            for c, fit in zip(candidates, fits, strict=True)
+        ]
+    )
+    cost = cost - saved
+    residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
         residuals[0] = p.opened_residual()  # no rotor levitates without an effect
     at = int(np.argmin(cost))
-    best = candidates[at].fit
-    if drift is not None and np.isfinite(cost[at]):
-        best = without_drift(p, best, drift.rate)
-        residuals[at] = best.residual
+    best = fits[at]
     octave = np.floor(np.log2(np.maximum(p.frequency, 1e-9))).astype(int)
     rows = np.stack([p.output, p.kind, octave], axis=1)
     names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
@@ -94,6 +105,7 @@ def evidence_of(
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
         np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in candidates]),
+        saved,
     )
 
 

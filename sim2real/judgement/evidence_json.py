@@ -31,4 +31,5 @@ def evidence_from_json(data: Mapping[str, Any]) -> Evidence:
         causes=data["causes"],
         dispersion=Dispersion(**kinds),
         strain=None if data["strain"] is None else np.array(data["strain"], float),
+        by_drift=None if data["by_drift"] is None else np.array(data["by_drift"], float),
     )

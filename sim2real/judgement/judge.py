@@ -190,13 +190,15 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
         if key not in found or row[1] < found[key][1]:
             found[key] = row
 
-    quiet = {family: weight for family, weight in evidence.tones.items() if family not in OF_LOST}
-    of_tones, without_bands = _named(evidence.tones, evidence), _named(quiet, evidence)
     for names, cost, prior, candidate in rows:
         base = () if candidate is None else evidence.effects[candidate]
-        tones, named = (quiet, without_bands) if LOST in base else (evidence.tones, of_tones)
+        tones = {
+            family: weight for family, weight in evidence.tones.items() if family not in OF_LOST or LOST not in base
+        }
+        if DRIFT in tones and candidate is not None and evidence.by_drift is not None:
+            tones[DRIFT] = min(tones[DRIFT], float(evidence.by_drift[candidate]))  # it may have taken up the drift
         propose((names, cost + sum(tones.values()), prior, candidate))
-        for added, off in named:
+        for added, off in _named(tones, evidence):
             both = _joined(base, added)
             if candidate is not None and added and len(both) <= 2:
                 propose((both, cost + off, prior * priors[len(both)] / priors[len(base)], candidate))

@@ -218,17 +218,17 @@ def test_correlated_noise_is_used():
 
 
 def test_a_batch_is_its_lanes_one_by_one():
-    s = draw(statistics(0.3), 6, seed=3)
-    bands, mass = np.array([[20.0, 25.0], [24.0, 31.0], [20.0, 31.0]]), np.linspace(0.1, 0.2, 6)
+    s = draw(statistics(0.3), 20, seed=3)  # more than a block
+    bands, mass = np.array([[20.0, 25.0], [24.0, 31.0], [20.0, 31.0]]), np.linspace(0.1, 0.2, 20)
     batch = maximum_likelihood(s, bands, mass)
-    assert batch.stiffness.shape == (6, 3)
-    for i in range(6):
+    assert batch.stiffness.shape == (20, 3)
+    for i in range(20):
         single = maximum_likelihood(record(s, i), bands, mass[i])
         for f in fields(single):
             assert np.array_equal(getattr(single, f.name), getattr(lane(batch, i), f.name)), f.name
-    nested = replace(s, mean=s.mean.reshape(2, 3, 2, 12), covariance=s.covariance.reshape(2, 3, 2, 2, 12))
-    again = maximum_likelihood(nested, bands, mass.reshape(2, 3))
-    assert np.array_equal(again.damping_high.reshape(6, 3), batch.damping_high)
+    nested = replace(s, mean=s.mean.reshape(4, 5, 2, 12), covariance=s.covariance.reshape(4, 5, 2, 2, 12))
+    again = maximum_likelihood(nested, bands, mass.reshape(4, 5))
+    assert np.array_equal(again.damping_high.reshape(20, 3), batch.damping_high)
 
 
 def test_a_lane_of_nan_gives_nan_and_leaves_its_neighbours_alone():

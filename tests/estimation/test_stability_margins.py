@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
-from estimation.stability_margins import loop_gain, margin_arrays, margins, peak_sensitivity
+from estimation.stability_margins import TOGETHER, loop_gain, margin_arrays, margins, peak_sensitivity
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
@@ -139,6 +139,16 @@ def test_a_batch_is_the_scalar_and_margins_is_both():
             if not name.startswith("gain_margin_high"):  # which `margins` reads from a smooth curve
                 assert getattr(single, name) == pytest.approx(values[i, j], rel=1e-12)
         assert (single.peak_sensitivity, single.peak_frequency) == pytest.approx((peak[i, j], at[i, j]), rel=1e-12)
+
+
+def test_many_loops_have_the_bits_of_one_and_none_has_none():
+    clean = sensitivity(LINES)
+    many = noisy(np.random.default_rng(0), clean, (0.02 * np.abs(clean)) ** 2, (2 * TOGETHER + 3,))
+    batch = margin_arrays(LINES, many)
+    for i in (0, TOGETHER - 1, TOGETHER, 2 * TOGETHER + 2):
+        for name, value in margin_arrays(LINES, many[i]).items():
+            np.testing.assert_array_equal(value, batch[name][i], err_msg=name)
+    assert all(values.shape == (0,) for values in margin_arrays(LINES, many[:0]).values())
 
 
 def test_the_interval_holds_its_value_and_depends_on_the_seed_only():

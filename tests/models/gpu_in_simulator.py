@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.gpu import gathered_on_gpu
 from maglev_env.kernel.simulate import Block, own_lanes, simulate_statistics
@@ -55,6 +56,14 @@ def figures(of: list[Experiment], blocks: list[Block], **gathered: object) -> di
     }
 
 
+def judged(of: list[Experiment], device: str) -> dict[str, np.ndarray]:
+    """Arrays of what was estimated of experiments of one axis, in one band that holds all lines."""
+    wide = (0.5 * FUNDAMENTAL, 8.5 * FUNDAMENTAL)
+    own = [replace(e, rig=replace(e.rig, target=replace(e.rig.target, band=wide))) for e in of]
+    done = evaluate(own, threads=1, bands=np.array([wide]), device=device)
+    return {name: getattr(done, name) for name in ("stiffness", "damping_high", "score", "feasible")} | done.margins
+
+
 if __name__ == "__main__":
     warnings.simplefilter("ignore")  # plain numbers say so when the arithmetic of the noise overflows, as it is to do
     results = {}
@@ -64,4 +73,5 @@ if __name__ == "__main__":
         for name, most in (("", None), (" in parts", 1)) if case == "one axis" else (("", None),):
             found = figures(own, blocks, gathered=list(gathered_on_gpu(blocks, most)))
             results |= {f"{case}{name}/{key}": values for key, values in found.items()}
+    results |= {f"judged/{key}": values for key, values in judged(experiments("one axis"), "cuda").items()}
     np.savez(Path(sys.argv[1]), **results)

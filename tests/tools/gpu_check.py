@@ -3,9 +3,9 @@
 Usage: python tests/tools/gpu_check.py [--out FOLDER] [--only STAGE ...] [--tiny]
 
 The extra `cuda` must be installed (see `maglev_lanes.gpu`). Stages: about, compile, agree, agree-xy, kernel, kernel-xy,
-quick, full, processes. Each prints its figures as they come and, with --out, writes them into gpu_check.json there; one
-that fails prints why, and the next begins. --tiny: a few short experiments, as numba's simulator can run them
-(NUMBA_ENABLE_CUDASIM=1).
+quick, full, judge, processes. Each prints its figures as they come and, with --out, writes them into gpu_check.json
+there; one that fails prints why, and the next begins. --tiny: a few short experiments, as numba's simulator can run
+them (NUMBA_ENABLE_CUDASIM=1).
 """
 
 import argparse
@@ -24,9 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.evaluation.devices import require_device
-from maglev_env.evaluation.evaluate import CHUNK, evaluate
+from maglev_env.evaluation.devices import Prepared, require_device, simulated_groups
+from maglev_env.evaluation.evaluate import CHUNK, evaluate, evaluated
 from maglev_env.evaluation.evaluation import Evaluation
+from maglev_env.evaluation.score import stacked
+from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.gpu import Lanes, gathered_on_gpu
 from maglev_env.kernel.simulate import own_lanes, simulate_statistics
@@ -35,6 +37,7 @@ from maglev_env.rig.rig import load_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_lanes.layout import LANES
 from maglev_lanes.processes import fresh_pool
+from maglev_lanes.threads import over_threads
 
 WORKERS = (1, 2, 4, 8, 16)
 SECONDS = 3.0  # of a figure of the processor
@@ -209,6 +212,32 @@ class Check:
                 simulated_per_second=count / (perf_counter() - begun),
             )  # fmt: skip
 
+    def judge(self) -> None:
+        """Gain sets per second of what follows the simulation, by threads and gain sets judged together."""
+        count = 2 if self.tiny else 8192
+        experiments = self.experiments("hmb_free", count, "full")
+        target = score_target(experiments[0].rig)
+        bands = np.array([[200.0, 1700.0]]) if self.tiny else None
+        for together in (64, CHUNK, 256):
+            chunks = [slice(start, start + together) for start in range(0, count, together)]
+
+            def prepared(chunk: slice) -> list[Prepared]:
+                return [Prepared(experiments[chunk], own_lanes(experiments[chunk]))]
+
+            parts = [made[0] for group in simulated_groups(chunks, prepared, "cuda") for _, made in group]
+
+            def work(part: Prepared) -> object:
+                return evaluated(part, [stacked([target] * len(part.experiments))], bands, None)
+
+            for threads in (1,) if self.tiny else [w for w in WORKERS if w <= (os.cpu_count() or 1)]:
+                some = parts[: max(threads, len(parts) // 4)] if threads < 4 else parts
+                begun = perf_counter()
+                for _ in over_threads(work, some, threads):
+                    pass
+                seconds = perf_counter() - begun
+                done = sum(len(part.experiments) for part in some)
+                self.say("judge", together=together, threads=threads, per_second=done / seconds)
+
     def processes(self) -> None:
         """Gain sets per second of the full protocol in as many processes of one thread each."""
         for workers in (1,) if self.tiny else [w for w in WORKERS if w <= (os.cpu_count() or 1)]:
@@ -261,6 +290,7 @@ def main(arguments: Sequence[str]) -> int:
         "kernel-xy": lambda: check.kernel("hmb_radial", "kernel-xy"),
         "quick": lambda: check.pipeline("quick"),
         "full": lambda: check.pipeline("full"),
+        "judge": check.judge,
         "processes": check.processes,
     }
     failed = []

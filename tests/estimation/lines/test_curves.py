@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from estimation.lines.curves import crossings, largest, least, refine, smooth_response
+from estimation.lines.curves import crossings, largest, refine, smooth_response
 
 FREQUENCY = np.geomspace(1, 100, 60)
 
@@ -22,12 +22,20 @@ def test_largest_finds_the_vertex_on_an_uneven_grid_and_keeps_the_ends():
 
 def test_crossings_and_least_pick_the_wanted_one():
     grid = np.linspace(0, 3, 4)
-    found, at, other = crossings(grid, np.array([-1.0, 1.0, 3.0, -1.0]), 10 * grid)
-    assert found.tolist() == [True, False, True]
-    np.testing.assert_allclose(at[found], [0.5, 2.75])
-    value, frequency = least(np.where(found, other, np.inf), at, np.where(found, -other, np.inf))
-    assert (value, frequency) == pytest.approx((27.5, np.exp(2.75)))
-    assert np.isnan(least(np.full(3, np.inf), at, np.full(3, np.inf))).all()
+    found = crossings(grid, np.array([-1.0, 1.0, 3.0, -1.0]), 10 * grid)
+    np.testing.assert_allclose(found.log_frequency, [0.5, 2.75])
+    (other,) = found.others
+    assert found.least(other, -other) == pytest.approx((27.5, np.exp(2.75)))
+    assert np.isnan(found.least(np.full(2, np.inf), np.full(2, np.inf))).all()
+
+
+def test_the_least_of_each_curve_is_found():
+    grid, level = np.linspace(0, 3, 4), np.array([[[-1.0, 1.0, 3.0, -1.0], [1.0, 1.0, 1.0, 1.0]]])
+    found = crossings(grid, np.concatenate([level, -level]), np.broadcast_to(10 * grid, (2, 2, 4)))
+    value, frequency = found.least(*found.others, *found.others)
+    assert value.shape == frequency.shape == (2, 2)
+    np.testing.assert_allclose(value, [[5, np.nan], [5, np.nan]])
+    np.testing.assert_allclose(np.log(frequency), [[0.5, np.nan], [0.5, np.nan]])
 
 
 def test_smoothing_takes_noise_off_and_keeps_straight_lines():

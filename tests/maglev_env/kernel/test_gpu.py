@@ -9,7 +9,7 @@ from pathlib import Path
 import gpu_in_simulator
 import numpy as np
 import pytest
-from gpu_in_simulator import CASES, COUNT, LOST, experiments, figures
+from gpu_in_simulator import CASES, COUNT, LOST, experiments, figures, judged
 
 from maglev_env.evaluation.devices import require_device
 from maglev_env.evaluation.evaluate import evaluate
@@ -20,6 +20,7 @@ from maglev_env.kernel.simulate import State, own_lanes
 from maglev_env.kernel.touched import touched_rows
 from maglev_env.loop.effect import parse_effects
 from maglev_env.rig.rig import load_rig
+from maglev_lanes import gpu as lanes_gpu
 
 SCRIPT = Path(gpu_in_simulator.__file__)
 
@@ -48,6 +49,14 @@ def test_lanes_have_the_same_bits_however_many_are_together(simulated: dict[str,
     assert np.isnan(simulated["one axis/mean"][LOST]).all() and np.isfinite(simulated["one axis/touchdown_time"][LOST])
     for name in ("mean", "covariance", "touchdown_time", "peak_displacement", "current_rms"):
         np.testing.assert_array_equal(simulated[f"one axis/{name}"], simulated[f"one axis in parts/{name}"])
+
+
+@pytest.mark.slow
+def test_what_a_gpu_simulated_is_judged_alike(simulated: dict[str, np.ndarray]) -> None:
+    expected = judged(experiments("one axis"), "cpu")
+    assert expected["feasible"].sum() == COUNT - 1
+    for name, values in expected.items():
+        np.testing.assert_allclose(simulated[f"judged/{name}"], values, rtol=1e-8, err_msg=name)
 
 
 @pytest.mark.slow
@@ -94,6 +103,16 @@ def test_what_a_gpu_does_not_simulate_is_refused(monkeypatch: pytest.MonkeyPatch
     several = [replace(block, substeps=2) for block in own_lanes([protocol_experiment(load_rig("hmb_free"))])]
     with pytest.raises(ValueError, match="substeps"):
         list(gpu.gathered_on_gpu(several))
+
+
+def test_a_numpy_that_does_not_fit_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(name: str) -> None:
+        raise AttributeError("module 'numpy' has no attribute 'row_stack'")
+
+    monkeypatch.setattr(lanes_gpu, "import_module", gone)
+    monkeypatch.setattr(lanes_gpu, "version", lambda name: "0.30.4")
+    with pytest.raises(ValueError, match=rf"numba-cuda 0.30.4 does not work with numpy {np.__version__} .*row_stack"):
+        lanes_gpu._require_fitting_numpy()
 
 
 def test_too_little_memory_is_told_with_what_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -133,8 +133,8 @@ def test_a_touchdown_in_x_and_y_raises_no_warning(monkeypatch):
         array.view(np.uint64)[...] = 0x7FF0000000000001  # signalling: every sum with it is an invalid operation
         return array
 
-    aligned = simulate._aligned
-    monkeypatch.setattr(simulate, "_aligned", dirty)
+    aligned = simulate.aligned
+    monkeypatch.setattr(simulate, "aligned", dirty)
     rig = replace(COUPLED, clearance=0.2e-3, noise=Noise(1e-6, 0.1, 0.01))
     e = oblique(rig, Gains(500.0, 0.0, 0.2), transient_periods=0)
     with warnings.catch_warnings():

@@ -201,6 +201,21 @@ def test_a_batch_in_which_every_rotor_touches_down_is_a_result_and_no_error():
     assert np.isfinite(got.touchdown_time).all() and np.isnan(got.statistics.mean).all()
 
 
+@pytest.mark.parametrize("keep", [[True] * 20, [i % 3 > 0 for i in range(20)]])
+def test_statistics_of_some_lines_and_channels_are_those_of_all(keep):
+    # Two structures, so that the members of a block are no neighbours, and one that touches down.
+    late = effect("delay", 5e-5)
+    several = [quick(seed=i, effects=late if i % 2 else {}) for i in range(19)] + [quick(gains=Gains(500.0, 0.0, 0.2))]
+    got = simulate_statistics(several)
+    whole, names = got.statistics, ("command", "injection", "displacement")
+    part = got.at_lines(whole.lines[1::2], names, np.array(keep))
+    expected = whole.at_lines(whole.lines[1::2], names)
+    assert part.channels == expected.channels and np.array_equal(part.frequency, expected.frequency)
+    np.testing.assert_array_equal(part.mean, expected.mean[keep])
+    np.testing.assert_array_equal(part.covariance, expected.covariance[keep])
+    np.testing.assert_allclose(part.covariance, np.conj(part.covariance.swapaxes(1, 2)))
+
+
 def test_converters_quantise_and_limit_as_stated():
     rig = load_rig("hmb_free")
     e = quick(rig=replace(rig, noise=Noise(), dac_bits=8, adc_bits=10))

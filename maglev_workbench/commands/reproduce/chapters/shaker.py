@@ -11,7 +11,7 @@ from estimation.least_squares import LeastSquares, least_squares
 from estimation.lines.frequency_response import frequency_response
 from estimation.lines.periods import LineStatistics, held
 from maglev_env.experiment import Experiment
-from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
+from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.effect import NO_EFFECTS, Effects
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers
@@ -49,6 +49,14 @@ def with_noise(rig: Rig, displacement: float) -> Rig:
     return replace(rig, noise=replace(rig.noise, displacement=displacement))
 
 
+@dataclass(frozen=True)
+class Shaken:
+    """Records under a shaker: their statistics (first axis: records), and the rms of the current (n,), A."""
+
+    statistics: LineStatistics
+    current_rms: np.ndarray
+
+
 def simulated(
     rigs: Sequence[Rig],
     shaker: Shaker,
@@ -56,7 +64,7 @@ def simulated(
     gains: Sequence[Controllers] | None = None,
     effects: Effects = NO_EFFECTS,
     speed_rpm: float = 0.0,
-) -> SimulatedStatistics:
+) -> Shaken:
     """One record per rig and seed, the force of its statistics freed of its converter's hold.
 
     gains: one controller per rig (default: the rig's own). ValueError where a rotor touches down.
@@ -72,7 +80,7 @@ def simulated(
     statistics = result.statistics
     for suffix in suffixes(rigs[0].axes):
         statistics = held(statistics, f"force{suffix}", rigs[0].control_rate)
-    return replace(result, statistics=statistics)
+    return Shaken(statistics, result.current_rms)
 
 
 def receptance(statistics: LineStatistics) -> np.ndarray:
