@@ -56,8 +56,8 @@ def engineer(rig: Rig) -> Goal:
     """What an engineer of a rotor that carries a body's blood asks for, in proportion to the rig; see docs/goals.md.
 
     The load is the rotor's weight; a quarter of it where it hangs below a single magnet; and where magnets cannot carry
-    it, so that something else does, the force that the bias current stands for. Times are stated for the target band of `hmb_free`, and longer in proportion where
-    the rig's lies lower.
+    it, so that something else does, the force that the bias current stands for. Times are stated for the target band of
+    `hmb_free`, and longer in proportion where the rig's lies lower.
 
     Raises:
         ValueError: The rig has no magnets.

@@ -171,16 +171,13 @@ def measured(
     below = runs_away & ((lowest < 1) | (np.isnan(fall) & (lowest < AMPLE)))
     for name in LOOP:
         worst = np.inf if QUANTITIES[name].most else -np.inf
+        own = found[name]
         found[name] = Measured(
-            *(np.where(below, end, v) for end, v in zip((worst, np.nan, np.nan), _parts(found[name])))
+            np.where(below, worst, own.value), *(np.where(below, np.nan, v) for v in (own.low, own.high))
         )
     asked = {r.name: r for r in goal.measured}
     found["compliance"] = _compliance(force, asked.get("compliance"))
     return {name: found[name] for name in dict.fromkeys([*asked, *ALWAYS])}
-
-
-def _parts(found: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return found.value, found.low, found.high
 
 
 def _gain_margin(

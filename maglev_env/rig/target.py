@@ -6,7 +6,6 @@ from math import inf
 from maglev_env.fields import is_number
 from maglev_env.rig.goal import MATCH, check_goal
 
-
 LOWEST_BAND = 4.0  # Hz, below which an octave holds too few of the lines, 1 Hz apart, of a default protocol
 
 
@@ -46,7 +45,7 @@ class Target:
 
 
 def default_band(control_rate: float, mode: float = inf) -> tuple[float, float]:
-    """The target band of a rig that states none, Hz: an octave from 60 Hz, or from where its loop lies if that is lower.
+    """The target band of a rig that states none, Hz: an octave from 60 Hz, or from its loop's mode if that is lower.
 
     Far above the mode of the loop, what holds the rotor is a small part of its inertia force, and no experiment shows
     its stiffness.

@@ -147,8 +147,14 @@ def _reason(again: Trials, intervals: dict[str, tuple[float, float]]) -> str | N
     down = int(again.touchdown.sum())
     if down:
         return f"the rotor touches down in {down} of {len(again)} repetitions within tolerance"
-    if unstable := int((again.score <= 0).sum()):
+    stable = np.array([bool(one.get("feasible", True)) for one in again.info])
+    if unstable := int(((again.score <= 0) & ~stable).sum()):
         return f"the loop is unstable in {unstable} of {len(again)} repetitions within tolerance"
+    if unseen := int((again.score <= 0).sum()):
+        return (
+            f"no stiffness and damping above 0 are identified in {unseen} of {len(again)} repetitions within "
+            "tolerance: state a [target] band where the loop lies, or tune by requirements (--goal engineer)"
+        )
     high = intervals.get("peak_sensitivity", (np.inf, np.inf))[1]
     if high > PEAK_SENSITIVITY:
         return f"peak sensitivity up to {high:.3g}, beyond zone B of ISO 14839-3 ({PEAK_SENSITIVITY:g})"
