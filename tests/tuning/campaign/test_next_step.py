@@ -12,7 +12,7 @@ from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import expected_statistics, loop_response
 from maglev_env.loop.effect import effect
-from maglev_env.loop.gains import with_gains
+from maglev_env.loop.gains import controller_response, with_gains
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
@@ -275,6 +275,22 @@ def test_rigs_that_the_recordings_allow_agree_with_what_was_recorded():
     known = alone > 0
     assert (alone[known] / alone[0]).std() > 0.04
     assert np.abs(found[known] / 0.0131 - 1).max() < 4 * SEEN["noise_current"]
+
+
+def test_a_sharp_line_is_not_smoothed_away():
+    """A line at which the plant is another one, as at a resonance, makes |S| 4 there, between calm neighbours."""
+    held = gain_set(RIG, noise=0.05)
+    identified = fit_rig(RIG, [held])
+    assert carried(identified, [held], 0).sharp.size == 0
+    i = int(np.argmin(abs(held.plant.frequency - 600.0)))
+    z = np.exp(2j * np.pi * held.plant.frequency / RIG.control_rate)
+    c = controller_response(PRESET, z, 1 / RIG.control_rate)[i]
+    value, variance = held.plant.value.copy(), held.plant.variance
+    value[i] = (1 / 4.0 - 1) / c
+    found = carried(identified, [replace(held, plant=Response(held.plant.frequency, value, variance))], 0)
+    assert found.sharp.tolist() == pytest.approx([held.plant.frequency[i]])
+    at = int(np.argmin(abs(found.injected - held.plant.frequency[i])))
+    assert np.abs(found.sensitivity(PRESET)[0, at]) == pytest.approx(4.0, rel=1e-6)
 
 
 @pytest.mark.slow
