@@ -279,7 +279,7 @@ def test_rigs_that_the_recordings_allow_agree_with_what_was_recorded():
 
 def test_a_sharp_line_is_not_smoothed_away():
     """A line at which the plant is another one, as at a resonance, makes |S| 4 there, between calm neighbours."""
-    held = gain_set(RIG, noise=0.05)
+    held = gain_set(RIG, noise=0.3)
     identified = fit_rig(RIG, [held])
     assert carried(identified, [held], 0).sharp.size == 0
     i = int(np.argmin(abs(held.plant.frequency - 600.0)))
