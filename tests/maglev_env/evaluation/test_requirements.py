@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from control_loops import DT, control_loop
 from pushed_rotor import GAIN, STIFFNESS, followed
+from scipy.integrate import solve_ivp
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
@@ -15,6 +16,8 @@ from maglev_env.evaluation.goal_score import met
 from maglev_env.evaluation.requirements import NEAR, SETTLED, events_of
 from maglev_env.evaluation.worst import drawn_experiments
 from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.events import Event, simulated_events
+from maglev_env.kernel.simulate import own_lanes
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import load_rig, rig_from_toml
@@ -215,3 +218,20 @@ def test_margins_below_the_lines_are_not_known_and_missed():
     above = judged(goal, (weak,), replace(BALL, protocol=replace(BALL.protocol, excitations=parts)))
     assert np.isinf(above.required["peak_sensitivity"][0]) and above.score[0] < 1e-4
     assert not met(goal_of(with_goal(BALL, goal)), above.required)[0]
+
+
+def test_a_ball_lifts_off_from_below_without_any_current():
+    """Before its coil pulls as much as it weighs it falls a little, as far as the integrated balance of forces says."""
+    e = protocol_experiment(BALL, BALL.gains)
+    _, lifted = simulated_events(own_lanes([e]), 10, [Event("lift_off", 2e-3, 400)], threads=1)
+    y, current = lifted[0, :, 0]
+    assert y[0] == pytest.approx(-2e-3, abs=2e-4) and current[0] == pytest.approx(-BALL.bias_current)
+    assert current[1] > -BALL.bias_current and abs(y[-100:].mean()) < 1e-4
+
+    def rate(_, x):  # under the command of the first sample alone, the ball at rest below
+        at, speed, i = x
+        pull = BALL.mass * 9.80665 * (1 + i / BALL.bias_current) ** 2 * np.exp(at / BALL.force_length)
+        return speed, pull / BALL.mass - 9.80665, (BALL.gains.kp * 2e-3 - i) / BALL.amplifier_time_constant
+
+    after = solve_ivp(rate, (0.0, 2e-3), (-2e-3, 0.0, -BALL.bias_current), rtol=1e-9).y
+    assert current[2] == pytest.approx(after[2, -1], abs=0.1) and y[2] == pytest.approx(after[0, -1], abs=2e-4)
