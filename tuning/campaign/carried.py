@@ -87,6 +87,7 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp
     p, g = (np.array([m[k] for m in models]) for k in range(2))
     at = _among(every, wanted)
     g = g[:, at]
+    per_force = p[:, at] / g  # from command to force: smooth, whatever the rotor and its support do
     more, found = _differences(plant, p, every, wanted, rng, sharp) if plant else (0.0, np.empty(0))
     p = p[:, at] * (1 + more)
     z = np.exp(2j * np.pi * wanted / rate)
@@ -99,14 +100,46 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp
             parts.append(
                 Response(wanted[at], s.receptance.value * opening, s.receptance.variance * np.abs(opening) ** 2)
             )
-        g = g * (1 + _differences(_agreed(parts), g, wanted, wanted, rng)[0])
+        more, seen = _differences(_agreed(parts), g, wanted, wanted, rng, sharp)
+        g = g * (1 + more)
         # A draw whose plant is another one opens the measured receptance by another loop.
         mean = np.mean(loops, axis=0)
         g = g * (1 + mean * p) / (1 + mean * p[:1])
+        if seen.size:
+            at, value = _shaken_plant(shaken, loops, wanted, seen, per_force, rng)
+            p[:, at], g[:, at] = value, value / per_force[:, at]
+            injected, found = np.union1d(injected, seen), np.union1d(found, seen)
     change = ELSEWHERE * _smooth(wanted, DRAWS, rng)
     change[0] = 0.0
     i, f = _among(wanted, injected), _among(wanted, forced)
     return Carried(rate, injected, forced, p[:, i], p[:, f], g[:, f], change[:, np.concatenate([i, f])], thetas, found)
+
+
+def _shaken_plant(
+    shaken: Sequence[GainSet],
+    loops: Sequence[np.ndarray],
+    wanted: np.ndarray,
+    sharp: np.ndarray,
+    per_force: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (k,) of sharp force lines among those wanted, and the plant there (draws, k), m/A.
+
+    A force shows a resonance too, and with it how the loop answers there: with H = G / (1 + C P) measured and P = A G,
+    P = A H / (1 - C A H), where A leads from command to force.
+    """
+    parts = []
+    for s, c in zip(shaken, loops, strict=True):
+        kept = np.isin(np.round(s.receptance.frequency, 9), sharp)
+        at = _among(wanted, s.receptance.frequency[kept])
+        a, h = per_force[0, at], s.receptance.value[kept]
+        left = 1 - c[at] * a * h
+        parts.append(Response(wanted[at], a * h / left, s.receptance.variance[kept] * np.abs(a / left**2) ** 2))
+    plant = _agreed(parts)
+    at = _among(wanted, plant.frequency)
+    scatter = _complex(rng, len(per_force), at.size) * np.sqrt(plant.variance)
+    scatter[0] = 0.0
+    return at, plant.value * per_force[:, at] / per_force[0, at] + scatter
 
 
 def _among(every: np.ndarray, some: np.ndarray) -> np.ndarray:

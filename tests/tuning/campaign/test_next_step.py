@@ -293,6 +293,22 @@ def test_a_sharp_line_is_not_smoothed_away():
     assert np.abs(found.sensitivity(PRESET)[0, at]) == pytest.approx(4.0, rel=1e-6)
 
 
+def test_a_resonance_that_only_force_lines_show_is_in_the_sensitivity():
+    """A second body whose mode of 605 Hz, 6 Hz wide, stands between the injection lines of 600 and 670 Hz."""
+    force, current = RIG.protocol.excitations
+    lines = (*force.lines, *(k for k in range(115, 130) if k not in current.lines))  # of 5 Hz
+    dense = replace(RIG, protocol=replace(RIG.protocol, excitations=(replace(force, lines=lines), current)))
+    body = effect("support_resonance", frequency=590.4, damping_ratio=0.005, mass_ratio=0.05)
+    held = gain_set(replace(dense, effects=body), noise=0.02)
+    found = carried(fit_rig(dense, [held]), [held], 0)
+    i = int(np.argmin(abs(found.injected - 605.0)))
+    assert found.injected[i] == pytest.approx(605.0) and 605.0 in np.round(found.sharp, 6)
+    e = protocol_experiment(replace(dense, effects=body), PRESET)
+    exact = np.abs(loop_response(e, found.injected[[i]]).sensitivity)
+    assert np.abs(found.sensitivity(PRESET)[0, i]) == pytest.approx(float(exact[0]), rel=0.2)
+    assert abs(exact[0] - 1.14) > 0.2  # what the loop has beside it
+
+
 @pytest.mark.slow
 def test_a_search_stays_off_the_limits_of_what_only_the_model_shows():
     """Events are known to 5 %: the best gains in a search reach a peak current some percent below its limit."""
