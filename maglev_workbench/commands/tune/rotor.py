@@ -29,7 +29,7 @@ from tuning.methods import METHODS, make_tuner
 from tuning.study.recommendation import recommend
 from tuning.study.study import run_study
 
-METHOD, BUDGET, BATCH = "cma-es", 400, 8
+METHOD, BUDGET, BATCH = "nelder-mead", 400, 8
 ONE_AXIS = ("model", "rule", "learned")  # tuners that are made for one axis
 MEANT = ("rig", "method", "budget", "batch", "tuned", "goal", "speeds", "rejection", "seed", "threads", "scheduler")
 MEANT += ("out", "json_file")  # options that have a meaning for a rotor
