@@ -1,12 +1,13 @@
 """A goal in tables, figures and JSON: each requirement against its limit, and the two quantities that conflict."""
 
 from collections.abc import Mapping, Sequence
-from math import ceil, isfinite
+from math import ceil, isfinite, isinf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.evaluation.goal_score import MARGINS, in_words, met, misses
+from maglev_env.evaluation.goal_score import in_words, met, misses
+from maglev_env.evaluation.requirements import LOOP
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_workbench.page import COLOURS, INFEASIBLE, STAR, labelled_axis, number, styled, with_interval
 
@@ -202,7 +203,9 @@ def value_in_words(r: Requirement, row: Mapping[str, Any], shown: tuple[float, s
     value = row.get(PREFIX + r.name)
     scale, unit = shown or r.quantity.shown
     if value is None or not isfinite(value):
-        return "not within the lines" if r.name in MARGINS else "touchdown"
+        if r.name not in LOOP:
+            return "touchdown"
+        return "below the lines" if value is not None and isinf(value) else "not within the lines"
     low, high = (row.get(f"{PREFIX}{r.name}_{end}") for end in ("low", "high"))
     ends = [None if end is None or np.isnan(end) else end * scale for end in (low, high)]
     text = number(value * scale) if ends == [None, None] else with_interval(value * scale, *ends)

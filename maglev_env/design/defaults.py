@@ -15,7 +15,8 @@ from maglev_env.rig.rig import Rig, axis_rig
 
 TOP, LOOP_TOP = 250.0, 2000.0  # highest force line and highest injection line, where the control rate allows them, Hz
 REACH = 0.05  # share of the clearance by which the excitations move the rotor; the force law is nearly linear there
-_EVERY = 5  # every fifth line belongs to the injection
+_EVERY = 5  # every fifth line belongs to the injection,
+SLOW = 20  # and up to this line every second: slow loops have all of their margins there
 
 
 def with_defaults(rig: Rig) -> Rig:
@@ -23,8 +24,8 @@ def with_defaults(rig: Rig) -> Rig:
 
     Gains are those of `default_gains`; bounds are those of their cards around those of x or of the only axis. The
     protocol has five periods of 1 Hz. A force excites four of five lines up to 250 Hz, at 45 degrees on an x-y rig; on
-    a controlled rig an injection into the current excites every fifth line and goes on to 2 kHz. Both together move the
-    rotor by 5 % of its clearance.
+    a controlled rig an injection into the current excites every fifth line, below 20 Hz every second from 1 Hz, and
+    goes on to 2 kHz. Both together move the rotor by 5 % of its clearance.
 
     Raises:
         ValueError: No default gains stabilise the rig, its own gains leave it unstable, or nothing holds it, so that no
@@ -55,7 +56,7 @@ def _gains(rig: Rig) -> Controllers:
 def _protocol(rig: Rig) -> Protocol:
     top = int(min(TOP, 0.2 * rig.control_rate))
     lines = np.arange(1, top + 1)
-    free = lines % _EVERY == 0 if rig.controlled else np.zeros(top, bool)
+    free = np.where(lines < SLOW, lines % 2 == 1, lines % _EVERY == 0) & rig.controlled
     turned = 45.0 if rig.axes == 2 else 0.0
     parts = [Excitation("sphs", "force", lines=tuple(map(int, lines[~free])), direction=turned)]
     if rig.controlled:

@@ -17,6 +17,7 @@ COMPLIANCE_SHARE = 0.1  # of the clearance, by which the load moves the rotor at
 SHOCK, SHOCK_SHARE = 0.005, 0.3  # s for which the load acts as an impulse; share of the clearance, as in ISO 14839-2
 RECOVERY, LIFT_OFF, LIFT_OFF_SHARE = 0.03, 0.03, 0.5  # s, s, share of the clearance from which it lifts off
 TIMES_OF = 90.0  # Hz, the centre of the target band for which both times are stated
+HUNG = 0.25  # of the weight, where a single magnet carries it: what pulls one way alone cannot hold it in any posture
 NOISE_SHARE = 0.15  # of the bias current, so that four times the rms stays clear of it; or of the current limit
 
 
@@ -54,9 +55,9 @@ def with_goal(rig: Rig, source: str | None) -> Rig:
 def engineer(rig: Rig) -> Goal:
     """What an engineer of a rotor that carries a body's blood asks for, in proportion to the rig; see docs/goals.md.
 
-    The load is the rotor's weight; where its magnets cannot carry that, so that something else does, it is the force
-    that the bias current stands for. Times are stated for the target band of `hmb_free`, and longer in proportion where
-    the rig's lies lower.
+    The load is the rotor's weight; a quarter of it where it hangs below a single magnet; and where magnets cannot carry
+    it, so that something else does, the force that the bias current stands for. Times are stated for the target band of
+    `hmb_free`, and longer in proportion where the rig's lies lower.
 
     Raises:
         ValueError: The rig has no magnets.
@@ -65,7 +66,8 @@ def engineer(rig: Rig) -> Goal:
         raise ValueError(f"goal {ENGINEER}: rig {rig.name} has no controlled magnet: there are no gains to judge")
     own = axis_rig(rig, 0)
     weight, magnets = own.mass * STANDARD_GRAVITY, linearise(force_law(own))[0] * own.bias_current
-    load = min(weight, magnets or weight)
+    borne = weight if "pair" in own.capabilities else HUNG * weight
+    load = min(borne, magnets or borne)
     low, high = rig.target.band or default_band(rig.control_rate)
     slower = TIMES_OF / ((low + high) / 2)
 
@@ -81,7 +83,7 @@ def engineer(rig: Rig) -> Goal:
         limit("impulse_displacement", SHOCK_SHARE * own.clearance, load * SHOCK * slower),
         limit("recovery_time", RECOVERY * slower, load),
     ]
-    if load == weight and not own.support_stiffness:
+    if load == borne and not own.support_stiffness:
         requirements.append(limit("lift_off_time", LIFT_OFF * slower, LIFT_OFF_SHARE * own.clearance))
     return Goal(tuple(requirements), requirements[3])
 

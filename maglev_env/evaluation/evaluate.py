@@ -194,7 +194,8 @@ def _of_axis(
     total, required = score(scored), {}
     if goal:
         known = _known(in_target, simulated, alive, aims, tested)
-        required = measured(goal, force, (injection.frequency, sensitivity, variance), margins, known)
+        loop = injection.frequency, sensitivity, variance
+        required = measured(goal, force, loop, margins, known, axis_rig(whole.rig, axis).runs_away)
         scored = goal_terms(goal, {name: m.value for name, m in required.items()})
         total = goal_score(scored)
     feasible = alive & (radius < 1)

@@ -15,7 +15,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.events import Event, simulated_events
 from maglev_env.kernel.simulate import Block
-from maglev_env.rig.goal import Goal, Requirement
+from maglev_env.rig.goal import QUANTITIES, Goal, Requirement
 
 # The band in which a rotor has come to rest: a share of the peak, of the clearance, and times the rms of hovering,
 # whichever is widest. What is less than a hundredth of the clearance matters to nobody.
@@ -26,6 +26,8 @@ FOLLOWED, LEAST_FOLLOWED = 3.0, 1.5  # a time is followed for so many times its 
 # Shares of the identification experiment's duration: hovering, an impulse, and at most each of the two times.
 HOVER, IMPULSE, TIMED = 0.03, 0.03, 0.09
 WARMING = 0.2  # share of the hovering that is left out, in which the noise builds up
+LOOP = ("peak_sensitivity", "phase_margin", "gain_margin", "disk_margin")  # of the loop gain
+AMPLE = 2.0  # loop gain at the lowest line, from which on what lies below it has ample margins
 ALWAYS = ("compliance", "noise_current")  # whatever the goal is: the two conflict in every loop
 BLOCKS = 8  # of hovering, whose spread is the uncertainty of its rms
 
@@ -34,8 +36,9 @@ BLOCKS = 8  # of hovering, whose spread is the uncertainty of its rms
 class Measured:
     """Values (n,) of one quantity with 95 % bounds; nan bounds: the test gives none.
 
-    A margin is nan where no crossing lies within the excited lines. A quantity of an event is inf where the rotor
-    touched down in it, and a time is a lower bound (that of the event's end) where the rotor had not come to rest.
+    A margin is nan where no crossing lies within the excited lines, and infinitely bad where one must lie below them. A
+    quantity of an event is inf where the rotor touched down in it, and a time is a lower bound (that of the event's
+    end) where the rotor had not come to rest.
     """
 
     value: np.ndarray
@@ -142,8 +145,13 @@ def measured(
     injection: tuple[np.ndarray, np.ndarray, np.ndarray],
     margins: Mapping[str, np.ndarray],
     known: Mapping[str, Measured],
+    runs_away: bool,
 ) -> dict[str, Measured]:
     """What a goal measures of n loops, and ALWAYS, by name.
+
+    A plant that runs away at rest is held by a loop gain beyond 1 at rest, and its gain may fall by some factor only.
+    Where the lowest line shows less gain, or less than AMPLE while no such factor follows from the lines, the loop has
+    margins below the lines: they are not known, and count as missed.
 
     Args:
         goal: The goal.
@@ -151,12 +159,22 @@ def measured(
         injection: Frequencies (f,), smooth sensitivities (n, f) and their variances at the injection lines.
         margins: By `stability_margins.margin_arrays`.
         known: Quantities that are measured already, by name; of unlike events too.
+        runs_away: Whether the plant does so at rest.
     """
     errors = margin_errors(*injection, margins)
     found = dict(known)
     for name in ("peak_sensitivity", "phase_margin", "disk_margin"):
         found[name] = _with_error(margins[name], errors[name])
     found["gain_margin"] = _gain_margin(injection, margins, errors)
+    fall = gain_factors(*injection[:2], margins)[1]
+    lowest = np.abs(1 / injection[1][:, 0] - 1)
+    below = runs_away & ((lowest < 1) | (np.isnan(fall) & (lowest < AMPLE)))
+    for name in LOOP:
+        worst = np.inf if QUANTITIES[name].most else -np.inf
+        own = found[name]
+        found[name] = Measured(
+            np.where(below, worst, own.value), *(np.where(below, np.nan, v) for v in (own.low, own.high))
+        )
     asked = {r.name: r for r in goal.measured}
     found["compliance"] = _compliance(force, asked.get("compliance"))
     return {name: found[name] for name in dict.fromkeys([*asked, *ALWAYS])}

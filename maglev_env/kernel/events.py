@@ -7,10 +7,13 @@ import numpy as np
 
 from maglev_env.kernel.layout import AXIS
 from maglev_env.kernel.simulate import Block, State, stretches
+from maglev_env.loop.amplifier import X1, X2
 from maglev_env.loop.controller import RAW, U
+from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.sensor import SEEN, Z1, Z2
 from maglev_env.rig.goal import EventKind
+from maglev_env.rig.rig import axis_rig
 from maglev_lanes.layout import row
 from maglev_lanes.threads import over_threads
 
@@ -88,11 +91,16 @@ def _followed(block: Block, state: State, force: np.ndarray) -> np.ndarray:
 def _lying(block: Block, distance: float) -> State:
     """Lanes at rest at a distance (m) from the centre, whose controllers have been reading it for HELD samples.
 
-    Everything except the controllers is put back after every sample: the amplifier is off, and the rotor lies.
+    Everything except the controllers is put back after every sample: the amplifier is off, and the rotor lies. Below a
+    single magnet it lies farther from it, and the coil has no current, not even that which carries the weight.
     """
     state = State(block)
+    rig = block.experiment.rig
     for at in (Y, Z1, Z2, SEEN):
-        state.axis_rows(at)[:] = distance
+        state.axis_rows(at)[:] = distance if "pair" in rig.capabilities else -distance
+    for axis in range(state.axes):
+        for at in (X1, X2):
+            state.axis_rows(at)[axis] = -force_law(axis_rig(rig, axis)).rest_current
     lying, per_axis = state.rows.copy(), row(AXIS)
     sample = [np.zeros(state.axes)] * 3
     for _ in range(HELD):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
-from math import inf
+from math import inf, pi, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ from maglev_env.loop.axes import AXES, NO_CROSS, Cross
 from maglev_env.loop.card import Need, Scales
 from maglev_env.loop.effect import EFFECTS, FINER, NEEDS, Effects, check_effects
 from maglev_env.loop.gains import GAIN_CARDS, Controllers, of_axis
-from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet
+from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet, force_law
+from maglev_env.loop.magnets.law import linearise
 from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.presented import shown_as_table
 from maglev_env.rig.controller_tables import controllers_from_table
@@ -190,8 +191,6 @@ class Rig:
         for f in fields(self):
             if f.metadata:
                 check_range(f.name, getattr(self, f.name), f.metadata)
-        if self.target.band is None:
-            object.__setattr__(self, "target", replace(self.target, band=default_band(self.control_rate)))
         if self.clearance > self.gap:
             raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
         for axis, name in enumerate(AXES if self.per_axis else ()):
@@ -200,6 +199,8 @@ class Rig:
             except ValueError as error:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
+        if self.target.band is None:
+            object.__setattr__(self, "target", replace(self.target, band=_default_band(self)))
         check_effects(self.effects, self, FINER)  # a recording may be simulated at a finer rate
 
     def __repr__(self) -> str:
@@ -221,6 +222,11 @@ class Rig:
         for e in p.excitations:
             if e.periodic:
                 check_length(self.control_rate / e.fundamental, p.periods + p.transient_periods, "[protocol]")
+
+    @property
+    def runs_away(self) -> bool:
+        """Whether nothing but the controller holds the rotor: the magnet's pull grows faster than the support's."""
+        return self.controlled and linearise(force_law(self))[1] + self.support_stiffness < 0
 
     @property
     def controlled(self) -> bool:
@@ -266,9 +272,17 @@ def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
     check_known(parameters, PARAMETERS, "[parameters]")
     if "gap" in parameters and "clearance" not in parameters and rig.clearance == rig.gap:
         parameters = {**parameters, "clearance": parameters["gap"]}
-    if rig.target.band == default_band(rig.control_rate):
+    if rig.target.band == _default_band(rig):
         parameters = {**parameters, "target": replace(rig.target, band=None)}
     return replace(rig, **parameters)
+
+
+def _default_band(rig: Rig) -> tuple[float, float]:
+    """`default_band` of a rig, whose default gains give it the magnet's own stiffness, with the other sign."""
+    if rig.magnet == NO_MAGNET:
+        return default_band(rig.control_rate)
+    stiffness = abs(linearise(force_law(rig))[1]) + rig.support_stiffness
+    return default_band(rig.control_rate, sqrt(stiffness / rig.mass) / (2 * pi) if stiffness else inf)
 
 
 def axis_rig(rig: Rig, axis: int) -> Rig:
@@ -391,7 +405,7 @@ def _build(data: dict[str, Any]) -> Rig:
     if "band" in target and not target["band"][1] < rig.control_rate / 2:
         raise ValueError(
             f"[target] band = {list(target['band'])} Hz does not lie below half of the control rate of "
-            f"{rig.control_rate:g} Hz; leave it out, or give one such as {list(default_band(rig.control_rate))}"
+            f"{rig.control_rate:g} Hz; leave it out, or give one such as {list(_default_band(rig))}"
         )
     check_effects(rig.effects, rig)
     return rig

@@ -1,9 +1,12 @@
 """What a rig states in [target]: the values and the goal that gains are scored by."""
 
 from dataclasses import dataclass
+from math import inf
 
 from maglev_env.fields import is_number
 from maglev_env.rig.goal import MATCH, check_goal
+
+LOWEST_BAND = 4.0  # Hz, below which an octave holds too few of the lines, 1 Hz apart, of a default protocol
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,16 @@ class Target:
             raise ValueError(f"[target]: {error}") from None
 
 
-def default_band(control_rate: float) -> tuple[float, float]:
-    """The target band of a rig that states none, Hz: 60 .. 120, and at control rates to which 120 Hz folds back an
-    eighth to a quarter of the rate (Hz)."""
-    return (60.0, 120.0) if control_rate > 240.0 else (control_rate / 8, control_rate / 4)
+def default_band(control_rate: float, mode: float = inf) -> tuple[float, float]:
+    """The target band of a rig that states none, Hz: an octave from 60 Hz, or from its loop's mode if that is lower.
+
+    Far above the mode of the loop, what holds the rotor is a small part of its inertia force, and no experiment shows
+    its stiffness.
+
+    Args:
+        control_rate: Hz; at rates to which 120 Hz folds back the band ends at a quarter of it.
+        mode: frequency at which the loop is expected to swing, Hz; inf: not known.
+    """
+    at_rate = 60.0 if control_rate > 240.0 else control_rate / 8
+    low = min(at_rate, max(LOWEST_BAND, float(f"{mode:.2g}")))
+    return low, 2 * low

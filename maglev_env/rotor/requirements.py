@@ -103,7 +103,7 @@ def evaluate_goal(
             continue
         at = tuple(map(float, speeds))
         share = up.peak[i] / rotor.axis.clearance
-        current = up.coil_rms[i].reshape(-1, 2, 2).max(axis=-1)
+        current = up.coil_whole_rms[i].reshape(-1, 2, 2).max(axis=-1)
         own = joined(parts) | events[i]  # pyright: ignore[reportArgumentType]
         own |= {"displacement": Found(at, PLANES, share), "current_rms": Found(at, PLANES, current)}
         found.append(own)

@@ -34,6 +34,7 @@ class RunUp:
         copper_loss: With the bias, (n, s), W.
         contact: As `simulate.PLACES`, (n, s, 3), N.
         first_contact: As `simulate.PLACES`, (n, s, 3), s; nan without contact.
+        coil_whole_rms: Of the coil currents with their mean, which carries the weight, (n, s, 4), A.
     """
 
     speed_rpm: np.ndarray
@@ -44,6 +45,7 @@ class RunUp:
     copper_loss: np.ndarray
     contact: np.ndarray
     first_contact: np.ndarray
+    coil_whole_rms: np.ndarray
 
     @property
     def touched_down(self) -> np.ndarray:
@@ -127,6 +129,7 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
     # Opposite coils carry the bias plus and minus the control current, whose mean carries the weight.
     bias = np.array([rotor.axis.bias_current for rotor in rotors])
     resistance = np.array([rotor.axis.coil_resistance for rotor in rotors])
-    squares = (channels[:, 4:8] ** 2).mean(axis=-1).sum(axis=-1)
-    loss = resistance * (8 * bias**2 + 2 * squares)
-    return RunUp(np.empty(0), radial, once[:, :3], rms, once[:, 3:], loss, spun.contact, spun.first_contact)
+    squares = (channels[:, 4:8] ** 2).mean(axis=-1)
+    loss = resistance * (8 * bias**2 + 2 * squares.sum(axis=-1))
+    contact = spun.contact, spun.first_contact
+    return RunUp(np.empty(0), radial, once[:, :3], rms, once[:, 3:], loss, *contact, np.sqrt(squares))

@@ -9,13 +9,17 @@ from maglev_env.rig.protocol import Protocol
 from maglev_env.rig.rig import Rig
 
 PROTOCOLS = ("full", "quick")
-_COARSER = 5  # ratio of the quick fundamental to the full one
+# Ratios of the quick fundamental to the full one: the first that leaves IN_BAND force lines in the target band.
+_COARSER = (5, 3, 2, 1)
+IN_BAND = 2
 _EVERY = 3  # every third of the quick lines belongs to the injection
 _PERIODS = 3
 
 
 def env_protocol(rig: Rig, name: str) -> Protocol:
     """The rig's protocol ("full"), or one with five times its fundamental and three periods ("quick").
+
+    A slow loop, whose target band would hold no two of the quick force lines, has a lower fundamental.
 
     The quick protocol takes an eighth of the time. Because it has fewer lines and a shorter record, its standard errors
     are two to five times larger, and a sharp resonance may fall between its lines: on hmb_radial it measures a peak
@@ -29,7 +33,17 @@ def env_protocol(rig: Rig, name: str) -> Protocol:
     full = rig.protocol
     if name == "full":
         return full
-    top = {place: int(lines_at(full.excitations, place)[-1]) // _COARSER for place in ("force", "current")}
+    for coarser in _COARSER:
+        protocol = _quick(full, coarser)
+        low, high = rig.target.band or (0.0, np.inf)
+        at = lines_at(protocol.excitations, "force") * protocol.excitations[0].fundamental
+        if np.sum((at >= low) & (at <= high)) >= IN_BAND:
+            break
+    return protocol
+
+
+def _quick(full: Protocol, coarser: int) -> Protocol:
+    top = {place: int(lines_at(full.excitations, place)[-1]) // coarser for place in ("force", "current")}
     shared = np.arange(1, max(top["force"], 2) + 1)
     injected = shared[_EVERY - 1 :: _EVERY]
     beyond = np.round(np.geomspace(shared[-1] + 1, max(top["current"], shared[-1] + 2), 20)).astype(int)
@@ -40,5 +54,5 @@ def env_protocol(rig: Rig, name: str) -> Protocol:
     for place, lines in (("force", force), ("current", injected)):
         for turn, e in enumerate(places[place]):
             own = tuple(map(int, lines[turn :: len(places[place])]))
-            parts.append(replace(e, fundamental=e.fundamental * _COARSER, lines=own))
+            parts.append(replace(e, fundamental=e.fundamental * coarser, lines=own))
     return replace(full, excitations=tuple(parts), periods=_PERIODS, transient_periods=1)

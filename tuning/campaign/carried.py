@@ -20,6 +20,7 @@ DRAWS = 64  # the first is the best estimate
 DEVIATIONS, LENGTHS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.03, 0.1, 0.3, 1.0)
 LEAST = 0.02  # probability below which a standard deviation and length are left out
 MOST_LINES = 200  # more are averaged in bins of the logarithm of the frequency
+CHANCE = 1e-4  # that noise alone moves any line so far from the smooth difference that its measurement stands instead
 ELSEWHERE = 0.01  # relative standard deviation by which the plant may change where the controller doubles
 ELSEWHERE_LENGTH = 1.0  # of ln f, over which that change is one
 
@@ -37,6 +38,7 @@ class Carried:
         free: (DRAWS, r), from force to reading with the loop open, m/N.
         change: (DRAWS, s + r), relative change of the plant where a controller doubles; the first is zero.
         thetas: (DRAWS, p), parameters of the fitted rig.
+        sharp: Frequencies (Hz) at which the plant as measured is no smooth neighbour of the fitted one's.
     """
 
     rate: float
@@ -47,6 +49,7 @@ class Carried:
     free: np.ndarray
     change: np.ndarray
     thetas: np.ndarray
+    sharp: np.ndarray
 
     def sensitivity(self, gains: Gains, apart: float = 0.0, draws: int = DRAWS) -> np.ndarray:
         """S (draws, s) under gains; apart: log2 of the factor from recorded gains to these."""
@@ -63,13 +66,14 @@ class Carried:
         return np.exp(2j * np.pi * frequency / self.rate)
 
 
-def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int) -> Carried:
+def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp: np.ndarray | None = None) -> Carried:
     """Draws from what a fitted rig and the recordings of some gain sets say together.
 
     Args:
         identified: The rig that was fitted to all recordings.
         sets: Those whose responses count.
         seed: Seed of the draws.
+        sharp: Frequencies (Hz) at which other recordings have shown a sharp plant; None: those of these sets alone.
     """
     rng = np.random.default_rng((seed, 271828))
     rig, rate = identified.nominal, identified.nominal.control_rate
@@ -83,7 +87,9 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int) -> Ca
     p, g = (np.array([m[k] for m in models]) for k in range(2))
     at = _among(every, wanted)
     g = g[:, at]
-    p = p[:, at] * (1 + (_differences(plant, p, every, wanted, rng) if plant else 0.0))
+    per_force = p[:, at] / g  # from command to force: smooth, whatever the rotor and its support do
+    more, found = _differences(plant, p, every, wanted, rng, sharp) if plant else (0.0, np.empty(0))
+    p = p[:, at] * (1 + more)
     z = np.exp(2j * np.pi * wanted / rate)
     if shaken:
         loops = [controller_response(s.gains, z, 1 / rate) for s in shaken]
@@ -94,14 +100,46 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int) -> Ca
             parts.append(
                 Response(wanted[at], s.receptance.value * opening, s.receptance.variance * np.abs(opening) ** 2)
             )
-        g = g * (1 + _differences(_agreed(parts), g, wanted, wanted, rng))
+        more, seen = _differences(_agreed(parts), g, wanted, wanted, rng, sharp)
+        g = g * (1 + more)
         # A draw whose plant is another one opens the measured receptance by another loop.
         mean = np.mean(loops, axis=0)
         g = g * (1 + mean * p) / (1 + mean * p[:1])
+        if seen.size:
+            at, value = _shaken_plant(shaken, loops, wanted, seen, per_force, rng)
+            p[:, at], g[:, at] = value, value / per_force[:, at]
+            injected, found = np.union1d(injected, seen), np.union1d(found, seen)
     change = ELSEWHERE * _smooth(wanted, DRAWS, rng)
     change[0] = 0.0
     i, f = _among(wanted, injected), _among(wanted, forced)
-    return Carried(rate, injected, forced, p[:, i], p[:, f], g[:, f], change[:, np.concatenate([i, f])], thetas)
+    return Carried(rate, injected, forced, p[:, i], p[:, f], g[:, f], change[:, np.concatenate([i, f])], thetas, found)
+
+
+def _shaken_plant(
+    shaken: Sequence[GainSet],
+    loops: Sequence[np.ndarray],
+    wanted: np.ndarray,
+    sharp: np.ndarray,
+    per_force: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (k,) of sharp force lines among those wanted, and the plant there (draws, k), m/A.
+
+    A force shows a resonance too, and with it how the loop answers there: with H = G / (1 + C P) measured and P = A G,
+    P = A H / (1 - C A H), where A leads from command to force.
+    """
+    parts = []
+    for s, c in zip(shaken, loops, strict=True):
+        kept = np.isin(np.round(s.receptance.frequency, 9), sharp)
+        at = _among(wanted, s.receptance.frequency[kept])
+        a, h = per_force[0, at], s.receptance.value[kept]
+        left = 1 - c[at] * a * h
+        parts.append(Response(wanted[at], a * h / left, s.receptance.variance[kept] * np.abs(a / left**2) ** 2))
+    plant = _agreed(parts)
+    at = _among(wanted, plant.frequency)
+    scatter = _complex(rng, len(per_force), at.size) * np.sqrt(plant.variance)
+    scatter[0] = 0.0
+    return at, plant.value * per_force[:, at] / per_force[0, at] + scatter
 
 
 def _among(every: np.ndarray, some: np.ndarray) -> np.ndarray:
@@ -150,18 +188,25 @@ def _binned(ratio: np.ndarray, variance: np.ndarray, frequency: np.ndarray) -> t
 
 
 def _differences(
-    measured: Response, model: np.ndarray, every: np.ndarray, wanted: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
+    measured: Response,
+    model: np.ndarray,
+    every: np.ndarray,
+    wanted: np.ndarray,
+    rng: np.random.Generator,
+    known: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """Relative difference (draws, w) of the true response from each draw's model, at frequencies wanted (w,), Hz.
 
     The model is (draws, n) at frequencies every (n,), those of the measurement among them.
 
     Draws by Matheron's rule: a path of the prior, corrected by what the measurement says of it. How large and how long
-    the differences are is itself drawn by its likelihood; the first draw takes the likeliest.
+    the differences are is itself drawn by its likelihood; the first draw takes the likeliest. At lines that no such
+    path can follow, as at the resonance of a support, the measurement itself stands, with its noise. Their frequencies
+    are returned, too; with known ones, those are taken.
     """
     at = _among(every, measured.frequency)
-    variance = measured.variance / np.abs(model[0, at]) ** 2
-    ratio, variance, place = _binned(measured.value / model[:, at] - 1, variance, measured.frequency)
+    whole, noisy = measured.value / model[:, at] - 1, measured.variance / np.abs(model[0, at]) ** 2
+    ratio, variance, place = _binned(whole, noisy, measured.frequency)
     kinds, weights = _likely(ratio[0], variance, place)
     which = rng.choice(len(kinds), len(ratio), p=weights)
     which[0] = int(weights.argmax())
@@ -176,7 +221,14 @@ def _differences(
         path = normal[own] @ _root(k).T
         left = ratio[own] - path[:, :m] - noise[own]
         found[own] = path[:, m:] + left @ np.linalg.solve(k[:m, :m] + np.diag(variance), k[:m, m:])
-    return found
+    both, line, here = np.intersect1d(np.round(measured.frequency, 9), wanted, return_indices=True)
+    missed = np.abs(whole[0, line] - found[0, here]) ** 2 / noisy[line]
+    sharp = missed > np.log(max(both.size, 1) / CHANCE) if known is None else np.isin(both, known)
+    line, here = line[sharp], here[sharp]
+    scatter = _complex(rng, len(whole), line.size) * np.sqrt(noisy[line])
+    scatter[0] = 0.0
+    found[:, here] = whole[:, line] + scatter
+    return found, both[sharp]
 
 
 def _likely(ratio: np.ndarray, variance: np.ndarray, place: np.ndarray) -> tuple[list[tuple[float, float]], np.ndarray]:

@@ -82,9 +82,12 @@ def next_step(
         )
     if task.layout.goal and task.layout.goal.rigs:
         notes = (f"worst of {task.layout.goal.rigs} rigs: judged on what the recordings leave of this one rig", *notes)
-    model = model_of(task, corners, identified, carried(identified, told, seed), told, seed)
+    responses = carried(identified, told, seed)
+    model = model_of(task, corners, identified, responses, told, seed)
     seen = tuple(s and shown(s, task.rig.target.band, task.rig.mass, seed) for s in held)
-    claimed = tuple(s and predict(model, s.gains, carried(identified, [s], seed), s) for s in held)
+    claimed = tuple(s and predict(model, s.gains, carried(identified, [s], seed, responses.sharp), s) for s in held)
+    if responses.sharp.size:
+        notes = (*notes, _sharp_in_words(responses.sharp))
     advice = Advice(task, tuple(sets), seen, claimed, identified, diagnosis=found, notes=notes)
     if advice.recordings >= budget:
         return _beyond_recorded(stopped(advice, f"the budget of {budget} recordings is used up"), model)
@@ -128,6 +131,15 @@ def tuning_task(
     wide = gain_box(task.rig, box.names, dict(zip(box.names, ends, strict=True)))
     task = replace(task, rig=replace(task.rig, gains=first.gains), box=wide)
     return task, wide.actions(np.array([box.low, box.high]))
+
+
+def _sharp_in_words(frequencies: np.ndarray) -> str:
+    """A note on lines where the measured plant changes sharply."""
+    shown = ", ".join(f"{f:g}" for f in frequencies[:5]) + (" ..." if frequencies.size > 5 else "")
+    return (
+        f"the plant changes sharply at {shown} Hz, as at the resonance of a support or of a rotor that bends; between "
+        "the lines |S| may be larger than at any of them: excite more lines there, and ask `maglev diagnose`"
+    )
 
 
 def _designed(advice: Advice, held: GainSet, why: str, budget: int) -> Advice:

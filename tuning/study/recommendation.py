@@ -14,7 +14,8 @@ from maglev_env.task.task import Task
 from tuning.study.study import experiments
 from tuning.tuner import Trials
 
-NEAR = 0.02  # of the box; gains closer than this to better-scored ones are not judged separately
+# Of the box; gains closer than this to refused ones are not judged separately; each refusal after the first doubles it.
+NEAR, FARTHEST = 0.02, 0.3
 LEVEL = 0.95  # of the interval over noise and tolerance that must stay out of the forbidden zone
 # Worst values that may be recommended: the end of zone B of ISO 14839-3, a share of the clearance under the excitation,
 # and the usual margins of control.
@@ -77,17 +78,18 @@ def recommend(
         repeats: Repetitions on the rig itself with fresh noise.
         rigs: Number of rigs drawn within its data-sheet tolerance (1 sigma, normal).
     """
-    alive: list[int] = []
-    for i in np.argsort(-trials.score, kind="stable"):
-        apart = np.abs(trials.points[alive] - trials.points[i]).max(axis=1) > NEAR
-        if trials.score[i] > 0 and apart.all() and len(alive) < candidates:
-            alive.append(int(i))
     rng = np.random.default_rng((seed, len(trials)))
     own = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(repeats)]
     spread = [_within_tolerance(task, episode, rng) for _ in range(rigs)]
     refused: list[Verdict] = []
-    for i in alive:
+    for i in np.argsort(-trials.score, kind="stable"):
         point = trials.points[i]
+        if not trials.score[i] > 0 or len(refused) == candidates:
+            break
+        # A search that has converged tried hundreds of sets beside each other, which are refused for the same reason.
+        apart = min(NEAR * 2 ** max(len(refused) - 1, 0), FARTHEST)
+        if any(np.abs(v.point - point).max() <= apart for v in refused):
+            continue
         again = reduce(add, (experiments(task, e, np.tile(point, (len(e), 1)), [0] * len(e)) for e in (own, spread)))
         verdict = verdict_of(point, again, repeats, episode)
         if verdict.reason is None:
@@ -147,8 +149,14 @@ def _reason(again: Trials, intervals: dict[str, tuple[float, float]]) -> str | N
     down = int(again.touchdown.sum())
     if down:
         return f"the rotor touches down in {down} of {len(again)} repetitions within tolerance"
-    if unstable := int((again.score <= 0).sum()):
+    stable = np.array([bool(one.get("feasible", True)) for one in again.info])
+    if unstable := int(((again.score <= 0) & ~stable).sum()):
         return f"the loop is unstable in {unstable} of {len(again)} repetitions within tolerance"
+    if unseen := int((again.score <= 0).sum()):
+        return (
+            f"no stiffness and damping above 0 are identified in {unseen} of {len(again)} repetitions within "
+            "tolerance: state a [target] band where the loop lies, or tune by requirements (--goal engineer)"
+        )
     high = intervals.get("peak_sensitivity", (np.inf, np.inf))[1]
     if high > PEAK_SENSITIVITY:
         return f"peak sensitivity up to {high:.3g}, beyond zone B of ISO 14839-3 ({PEAK_SENSITIVITY:g})"

@@ -44,8 +44,8 @@ def tune(
     method: Annotated[
         str | None,
         typer.Option(
-            help=f"Tuner: {', '.join(METHODS)} (default: {DEFAULT}; of a rotor cma-es). A general search may start "
-            f"with small steps at good gains: cma-es@{', cma-es@'.join(STARTS)}."
+            help=f"Tuner: {', '.join(METHODS)} (default: {DEFAULT}; of a rotor nelder-mead). A general search may "
+            f"start with small steps at good gains: cma-es@{', cma-es@'.join(STARTS)}."
         ),
     ] = None,
     budget: Annotated[

@@ -13,6 +13,7 @@ from maglev_env.rig.goal import Goal
 from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
+from maglev_workbench.commands.tune.advised import ends_in_words, kept_gains, misses_within, tolerance_in_words
 from maglev_workbench.commands.tune.next_recording import digits
 from maglev_workbench.page import (
     COLOURS,
@@ -34,13 +35,14 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 BEST = 8
+LEAST_SHOWN = 0.001  # of a score, whose spread by noise is not shown below
 ABREAST = 3  # pairs of gains beside each other
 IDENTIFIED = (  # of every experiment, in SI, where it is known
     "stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high",
     "peak_sensitivity", "phase_margin", "gain_margin_low", "gain_margin_high", "peak_displacement", "current_rms",
 )  # fmt: skip
 NONE = "None of the gains tried is recommended: "
-GOAL_HEAD = ("experiment", "score", "met", "farthest from its limit")
+GOAL_HEAD = ("experiment", "score", "met", "tightest")
 STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
 HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
 
@@ -53,12 +55,17 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     c = advice.chosen
     low, high = c.intervals["score"]
     others = "rigs within its tolerance" if task.rig.tolerance else "repetition (the rig states no [tolerance])"
+    spread = NORMAL_95 * c.score_se
+    noise = f"{spread:.1g}" if spread >= LEAST_SHOWN else f"less than {LEAST_SHOWN:g}"
+    kept = ", ".join(f"{n} = {digits(g)} {unit_of_gain(n)}".strip() for n, g in kept_gains(task).items())
     text = (
-        f"Take {gains_in_words(task, c.point)}: score {c.score:.3f} ± {NORMAL_95 * c.score_se:.1g} under fresh noise "
-        f"on this rig, {low:.2f} .. {high:.2f} on {others}."
+        f"Take {gains_in_words(task, c.point)}{kept and f' (as before: {kept})'}: score {c.score:.3f} ± {noise} under "
+        f"fresh noise on this rig, {low:.2f} .. {high:.2f} on {others}."
     )
-    if task.layout.goal:
-        text += f" There it {goal_page.missed_in_words(task.layout.goal, c.required)}."
+    if goal := task.layout.goal:
+        text += f" On this rig it {goal_page.missed_in_words(goal, c.required)}."
+        text += tolerance_in_words(task, goal, c.required)
+    text += ends_in_words(task, c.point)
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
     return text
@@ -85,10 +92,12 @@ def tune_tables(
     from rich.table import Table
 
     goal, rows = task.layout.goal, _best_rows(task, found)
-    head = (*gain_heads(task.box.names), *(GOAL_HEAD if goal else HEAD)[1:])
+    gain_names = gain_heads(task.box.names)
+    head = (*gain_names, *(GOAL_HEAD if goal else HEAD)[1:])
     grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=f"Best of {len(found.trials)}")
     for name in head:
-        grid.add_column(name.replace("_", " "), justify="right")
+        short = name.replace("_", " ").replace("translation", "transl.")
+        grid.add_column(short, justify="right", min_width=max(map(len, short.split())) if name in gain_names else None)
     for row in rows:
         grid.add_row(*row[1:])
     yield grid
@@ -123,7 +132,9 @@ def tune_page(
         ("Refused", table(("gains", "why"), refused) if refused else note("Nothing that scored higher was refused.")),
     ]
     if advice.chosen:
-        sections.insert(0, ("Recommended", table(("figure", "95 % of noise and tolerance"), _spread(advice.chosen))))
+        sections.insert(
+            0, ("Recommended", table(("figure", "95 % of noise and tolerance"), _spread(advice.chosen, goal)))
+        )
     if goal:
         sections[1 if advice.chosen else 0 : 0] = [*_goal_sections(task, goal, found, advice), *more]
     by = data["made_by"]
@@ -141,7 +152,8 @@ def tune_json(
 
     def told(v: Verdict) -> dict[str, Any]:
         gains = dict(zip(task.box.names, task.box.gains(v.point), strict=True))
-        return {"gains": gains, "score": v.score, "score_se": v.score_se, "intervals": v.intervals, "reason": v.reason,
+        return {"gains": gains, "kept_gains": kept_gains(task),
+                "score": v.score, "score_se": v.score_se, "intervals": v.intervals, "reason": v.reason,
                 **({"requirements": goal_page.requirements_json(goal, v.required)} if goal else {})}  # fmt: skip
 
     goal = task.layout.goal
@@ -296,14 +308,20 @@ def _stands(goal: Goal, v: Verdict) -> list[tuple[str, str, str, str, str]]:
     for r, (words, _, limit, verdict) in zip(goal.measured, goal_page.requirement_rows(goal, v.required), strict=True):
         name, scale = goal_page.PREFIX + r.name, r.quantity.shown[0]
         low, high = (v.required.get(f"{name}_{end}", np.nan) * scale for end in ("low", "high"))
+        if verdict == "met" and misses_within(r, v.required):
+            verdict = "met, not by all"
         mean = f"{number(v.required.get(name, np.nan) * scale)} {r.quantity.shown[1]}".strip()
         rows.append((words, mean, limit, f"{number(low)} .. {number(high)}", verdict))
     return rows
 
 
-def _spread(v: Verdict) -> list[tuple[str, str]]:
+def _spread(v: Verdict, goal: Goal | None) -> list[tuple[str, str]]:
+    """What every recommendation is judged by, with its range; not what the requirements of the goal show anyway."""
+    shown = {"displacement_share": "displacement", "gain_margin_high": "gain_margin"}
+    asked = {r.name for r in goal.measured} if goal else set()
     words = {"displacement_share": "peak displacement over clearance", "gain_margin_high": "upper gain margin"}
     return [
         (words.get(name, name.replace("_", " ")), f"{number(low)} .. {number(high)}")
         for name, (low, high) in v.intervals.items()
+        if shown.get(name, name) not in asked
     ]

@@ -29,12 +29,12 @@ from tuning.methods import METHODS, make_tuner
 from tuning.study.recommendation import recommend
 from tuning.study.study import run_study
 
-METHOD, BUDGET, BATCH = "cma-es", 400, 8
+METHOD, BUDGET, BATCH = "nelder-mead", 400, 8
 ONE_AXIS = ("model", "rule", "learned")  # tuners that are made for one axis
 MEANT = ("rig", "method", "budget", "batch", "tuned", "goal", "speeds", "rejection", "seed", "threads", "scheduler")
 MEANT += ("out", "json_file")  # options that have a meaning for a rotor
 CHECKED = 500.0  # rpm between the speeds of the run-up that checks what is recommended
-REPEATS, ROTORS, CANDIDATES = 3, 16, 4
+REPEATS, ROTORS, CANDIDATES = 3, 16, 6
 
 
 def run(

@@ -7,21 +7,44 @@ import numpy as np
 import pytest
 from control_loops import DT, control_loop
 from pushed_rotor import GAIN, STIFFNESS, followed
+from scipy.integrate import solve_ivp
 
+from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.goal_score import met
 from maglev_env.evaluation.requirements import NEAR, SETTLED, events_of
 from maglev_env.evaluation.worst import drawn_experiments
 from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.events import Event, simulated_events
+from maglev_env.kernel.simulate import own_lanes
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig import load_rig, rig_from_toml
 from maglev_env.task.protocol import env_protocol
 
 RIG = load_rig("hmb_free")
 STIFF = Gains(12000.0, 2000.0, 11.0)
 GAINS = (RIG.gains, STIFF, Gains(10000.0, 2000.0, 8.0))
+BALL = with_defaults(
+    rig_from_toml(
+        """schema = "maglev-rig/1"
+name = "ball"
+magnet = "electromagnet"
+[parameters]
+mass = 0.0327
+gap = 8e-3
+clearance = 5e-3
+bias_current = 0.85
+force_length = 5.8e-3
+amplifier_time_constant = 2e-3
+sensor_time_constant = 3e-4
+probe_gain = 1000.0
+control_rate = 1000.0
+""",
+        "ball",
+    )
+)
 EVERYTHING = """
     peak_sensitivity <= 3; phase_margin >= 30; gain_margin >= 2; disk_margin >= 0.4
     compliance <= 44.5e-6; stiffness >= 30e3; damping >= 20; displacement <= 0.3   # ISO 14839-2
@@ -180,3 +203,35 @@ def test_a_goal_on_several_rigs_takes_the_worst_value_of_each_quantity():
 def test_a_goal_that_the_experiment_cannot_show_is_refused_in_words(goal, words):
     with pytest.raises(ValueError, match=words):
         judged(goal, GAINS[:1])
+
+
+def test_margins_below_the_lines_are_not_known_and_missed():
+    """A ball on weak gains has its margins near 1 Hz; lines from 5 Hz on show a calm loop with a gain margin of 11."""
+    weak = Gains(88.2, 2.7, 1.24, 2.43e-3, 0.243)
+    goal = "peak_sensitivity <= 3, phase_margin >= 30, gain_margin >= 1.5"
+    slow = judged(goal, (weak,), BALL)
+    assert slow.required["peak_sensitivity"][0] > 3 and slow.required["gain_margin"][0] < 1.3
+    parts = tuple(
+        replace(e, lines=tuple(k for k in e.lines if k >= 5)) if e.at == "current" else e
+        for e in BALL.protocol.excitations
+    )
+    above = judged(goal, (weak,), replace(BALL, protocol=replace(BALL.protocol, excitations=parts)))
+    assert np.isinf(above.required["peak_sensitivity"][0]) and above.score[0] < 1e-4
+    assert not met(goal_of(with_goal(BALL, goal)), above.required)[0]
+
+
+def test_a_ball_lifts_off_from_below_without_any_current():
+    """Before its coil pulls as much as it weighs it falls a little, as far as the integrated balance of forces says."""
+    e = protocol_experiment(BALL, BALL.gains)
+    _, lifted = simulated_events(own_lanes([e]), 10, [Event("lift_off", 2e-3, 400)], threads=1)
+    y, current = lifted[0, :, 0]
+    assert y[0] == pytest.approx(-2e-3, abs=2e-4) and current[0] == pytest.approx(-BALL.bias_current)
+    assert current[1] > -BALL.bias_current and abs(y[-100:].mean()) < 1e-4
+
+    def rate(_, x):  # under the command of the first sample alone, the ball at rest below
+        at, speed, i = x
+        pull = BALL.mass * 9.80665 * (1 + i / BALL.bias_current) ** 2 * np.exp(at / BALL.force_length)
+        return speed, pull / BALL.mass - 9.80665, (BALL.gains.kp * 2e-3 - i) / BALL.amplifier_time_constant
+
+    after = solve_ivp(rate, (0.0, 2e-3), (-2e-3, 0.0, -BALL.bias_current), rtol=1e-9).y
+    assert current[2] == pytest.approx(after[2, -1], abs=0.1) and y[2] == pytest.approx(after[0, -1], abs=2e-4)

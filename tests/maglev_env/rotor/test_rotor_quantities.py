@@ -209,3 +209,14 @@ def test_engineer_has_the_limits_of_the_rotors_own_mass():
     half = replace(PUMP, body=replace(PUMP.body, mass=PUMP.body.mass / 2))
     assert limits(half)["compliance"] == pytest.approx(2 * limits(PUMP)["compliance"], rel=0.01)
     assert limits(PUMP)["compliance"] == pytest.approx(44.5e-6)
+
+
+def test_the_current_includes_what_carries_the_weight():
+    """At rest the balance of forces gives it, with the pull of the negative stiffness where the rotor sags to."""
+    gain, spring = PUMP.axis.actuator_gain, -PUMP.axis.negative_stiffness
+    whole = PUMP.gains["translation"].kp + PUMP.gains["translation"].ki
+    still = PUMP.moving_mass * 9.80665 * whole / (gain * whole - spring)
+    goal = parse_goal("current_rms <= 1, best noise_current near 0.02")
+    found = evaluate_goal([PUMP], goal, np.array([0.0])).found[0]
+    noise = found["noise_current"].values[0]
+    assert found["current_rms"].values[0] == pytest.approx(np.hypot(still, noise), rel=0.02)

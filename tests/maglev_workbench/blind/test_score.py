@@ -48,7 +48,7 @@ class Said:
         return self.data
 
 
-def made_by_hand(folder, count, seed, processes, labels):
+def made_by_hand(folder, count, seed, processes, labels, oracle=True):
     rows = []
     for i, (kind, effects, size, rivals, _, _) in enumerate(CASES):
         (folder / f"c{i:04d}").mkdir(parents=True)

@@ -12,7 +12,7 @@ from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import expected_statistics, loop_response
 from maglev_env.loop.effect import effect
-from maglev_env.loop.gains import with_gains
+from maglev_env.loop.gains import controller_response, with_gains
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
@@ -275,6 +275,38 @@ def test_rigs_that_the_recordings_allow_agree_with_what_was_recorded():
     known = alone > 0
     assert (alone[known] / alone[0]).std() > 0.04
     assert np.abs(found[known] / 0.0131 - 1).max() < 4 * SEEN["noise_current"]
+
+
+def test_a_sharp_line_is_not_smoothed_away():
+    """A line at which the plant is another one, as at a resonance, makes |S| 4 there, between calm neighbours."""
+    held = gain_set(RIG, noise=0.3)
+    identified = fit_rig(RIG, [held])
+    assert carried(identified, [held], 0).sharp.size == 0
+    i = int(np.argmin(abs(held.plant.frequency - 600.0)))
+    z = np.exp(2j * np.pi * held.plant.frequency / RIG.control_rate)
+    c = controller_response(PRESET, z, 1 / RIG.control_rate)[i]
+    value, variance = held.plant.value.copy(), held.plant.variance
+    value[i] = (1 / 4.0 - 1) / c
+    found = carried(identified, [replace(held, plant=Response(held.plant.frequency, value, variance))], 0)
+    assert found.sharp.tolist() == pytest.approx([held.plant.frequency[i]])
+    at = int(np.argmin(abs(found.injected - held.plant.frequency[i])))
+    assert np.abs(found.sensitivity(PRESET)[0, at]) == pytest.approx(4.0, rel=1e-6)
+
+
+def test_a_resonance_that_only_force_lines_show_is_in_the_sensitivity():
+    """A second body whose mode of 605 Hz, 6 Hz wide, stands between the injection lines of 600 and 670 Hz."""
+    force, current = RIG.protocol.excitations
+    lines = (*force.lines, *(k for k in range(115, 130) if k not in current.lines))  # of 5 Hz
+    dense = replace(RIG, protocol=replace(RIG.protocol, excitations=(replace(force, lines=lines), current)))
+    body = effect("support_resonance", frequency=590.4, damping_ratio=0.005, mass_ratio=0.05)
+    held = gain_set(replace(dense, effects=body), noise=0.02)
+    found = carried(fit_rig(dense, [held]), [held], 0)
+    i = int(np.argmin(abs(found.injected - 605.0)))
+    assert found.injected[i] == pytest.approx(605.0) and 605.0 in np.round(found.sharp, 6)
+    e = protocol_experiment(replace(dense, effects=body), PRESET)
+    exact = np.abs(loop_response(e, found.injected[[i]]).sensitivity)
+    assert np.abs(found.sensitivity(PRESET)[0, i]) == pytest.approx(float(exact[0]), rel=0.2)
+    assert abs(exact[0] - 1.14) > 0.2  # what the loop has beside it
 
 
 @pytest.mark.slow

@@ -1,0 +1,66 @@
+"""Beside recommended gains: those that stay, ends of ranges, and what rigs within tolerance miss."""
+
+from collections.abc import Mapping
+from math import isfinite
+
+import numpy as np
+
+from maglev_env.evaluation.goal_score import misses
+from maglev_env.loop.gains import NO_CONTROLLER, gain_values, of_axis
+from maglev_env.rig.goal import Goal, Requirement
+from maglev_env.task.pump_goal import RotorGoalTask
+from maglev_env.task.task import Task
+from maglev_workbench.goal_page import PREFIX
+from maglev_workbench.page import number
+
+AT_END = 0.005  # of a range, within which a gain stands at its end
+
+
+def kept_gains(task: Task | RotorGoalTask) -> dict[str, float]:
+    """The gains that were not tuned, by name: without them the tuned ones cannot be set."""
+    if isinstance(task, RotorGoalTask):
+        own = {f"{gain}_{one}": v for one, gains in task.rotor.gains.items() for gain, v in gain_values(gains).items()}
+    else:
+        own = gain_values(of_axis(task.rig.gains or NO_CONTROLLER, 0))
+    return {name: value for name, value in own.items() if name not in task.box.names}
+
+
+def ends_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
+    """A sentence on the gains that stand at an end of their range, beyond which nothing was tried; "" for none."""
+    at = [
+        f"{name} ({'lower' if place < 0 else 'upper'} of {number(low)} .. {number(high)})"
+        for name, place, low, high in zip(task.box.names, point, task.box.low, task.box.high, strict=True)
+        if 1 - abs(place) < 2 * AT_END
+    ]
+    if not at:
+        return ""
+    name = at[0].split(" ")[0]
+    gain = name.partition("_")[0] if isinstance(task, RotorGoalTask) else name
+    return f" At the end of its range: {', '.join(at)}; beyond may be better (--tune {gain}=LO:HI)."
+
+
+def misses_within(r: Requirement, required: Mapping[str, float]) -> bool:
+    """Whether the worse end over noise and rigs within tolerance misses the limit of a requirement."""
+    end = required.get(f"{PREFIX}{r.name}_{'high' if r.quantity.most else 'low'}", np.nan)
+    return not np.isnan(end) and bool(misses(r, np.array([end]))[0] > 0)
+
+
+def tolerance_in_words(task: Task | RotorGoalTask, goal: Goal, required: Mapping[str, float]) -> str:
+    """A sentence on the requirements that some rigs within tolerance miss, and what to do; "" for none."""
+    if not task.rig.tolerance:
+        return ""
+    met = [r for r in goal.requirements if misses(r, np.array([required.get(PREFIX + r.name, np.nan)]))[0] <= 0]
+    lacking = [r for r in met if misses_within(r, required)]
+    if not lacking:
+        return ""
+    words = []
+    for r in lacking:
+        scale, unit = r.quantity.shown
+        end = required[f"{PREFIX}{r.name}_{'high' if r.quantity.most else 'low'}"]
+        shown = f"{number(end * scale)} {unit}".rstrip() if isfinite(end) else "touchdown or below the lines"
+        words.append(f"{r.quantity.words} ({shown})")
+    out = "give the limits this reserve" if isinstance(task, RotorGoalTask) else "add 'worst of 16 rigs' to the goal"
+    already = not isinstance(task, RotorGoalTask) and goal.rigs
+    return f" Some rigs within its tolerance miss {', '.join(words)}" + (
+        "." if already else f": {out} to meet it there."
+    )
