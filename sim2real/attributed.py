@@ -12,6 +12,7 @@ import numpy as np
 from sim2real.compared.bench_noise import BenchNoise
 from sim2real.compared.open_tones import agreed, with_tones
 from sim2real.compared.problem import Problem
+from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import evidence_of
 from sim2real.judgement.judge import reach
 from sim2real.judgement.nonstationary import widening
@@ -78,7 +79,8 @@ def attributed(
 
 def _reach(attribution: Attribution) -> np.ndarray:
     """Cost above the best within which each candidate may still matter under another noise."""
-    return MARGIN * reach(evidence_of(attribution, {}, {}, {}))
+    # By the constants of the code, so that evidence does not depend on the judge that learns from it.
+    return MARGIN * reach(evidence_of(attribution, {}, {}, {}), Judge())
 
 
 def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attribution) -> tuple[Problem, Problem, float]:

@@ -79,7 +79,7 @@ def diagnose(
     notes += contradictions(attribution)
     named = _named(fitted, judged, judged_on, attribution, weighed)
     notes += named.notes
-    likely = likely_of(named.found, weighed.evidence, shipped())
+    likely = likely_of(weighed.found, weighed.evidence, shipped())
     rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None
     notes += likely_in_words(likely, rare)
     chosen = next(iter(named.kept), None)

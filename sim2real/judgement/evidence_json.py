@@ -1,6 +1,6 @@
 """Evidence as JSON data and back, to the last bit: with it a judge answers again without the recordings."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,20 +16,46 @@ def evidence_to_json(evidence: Evidence) -> dict[str, Any]:
 
 
 def evidence_from_json(data: Mapping[str, Any]) -> Evidence:
-    """The evidence of `evidence_to_json`."""
-    costs = np.array([np.inf if cost is None else cost for cost in data["cost"]], float)
+    """The evidence of `evidence_to_json`.
+
+    Raises:
+        ValueError: It is no evidence.
+    """
+    try:
+        return _evidence(data)
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise ValueError(
+            f"evidence cannot be read ({type(error).__name__}: {error}); answer the campaign again"
+        ) from None
+
+
+def _evidence(data: Mapping[str, Any]) -> Evidence:
+    effects = tuple(tuple(map(str, names)) for names in data["effects"])
+    cost, excess = _numbers(data["cost"]), np.array([_numbers(row, np.nan) for row in data["excess"]], float)
+    groups = tuple((str(output), str(kind), float(octave)) for output, kind, octave in data["groups"])
+    if cost.shape != (len(effects),) or excess.shape != (len(effects), len(groups)):
+        raise TypeError("costs, excess, effects and groups do not belong together")
     kinds = {name: ChiSquare(**data["dispersion"][name]) for name in ("fit", "recordings")}
+    given = {name: data.get(name) for name in ("strain", "by_drift")}
+    known = {name: None if values is None else _numbers(values) for name, values in given.items()}
     return Evidence(
-        effects=tuple(map(tuple, data["effects"])),
-        cost=costs,
-        nominal=np.inf if data["nominal"] is None else data["nominal"],
-        excess=np.array([[np.nan if v is None else v for v in row] for row in data["excess"]], float),
-        scatter=np.array(data["scatter"], float),
-        groups=tuple((output, kind, octave) for output, kind, octave in data["groups"]),
-        tones=data["tones"],
-        spin=data["spin"],
-        causes=data["causes"],
+        effects=effects,
+        cost=cost,
+        nominal=float(_numbers([data["nominal"]])[0]),
+        excess=excess,
+        scatter=_numbers(data["scatter"]),
+        groups=groups,
+        tones=_table(data["tones"]),
+        spin=_table(data["spin"]),
+        causes={family: _table(costs) for family, costs in data["causes"].items()},
         dispersion=Dispersion(**kinds),
-        strain=None if data["strain"] is None else np.array(data["strain"], float),
-        by_drift=None if data["by_drift"] is None else np.array(data["by_drift"], float),
+        **known,
     )
+
+
+def _numbers(values: Sequence[float | None], missing: float = np.inf) -> np.ndarray:
+    return np.array([missing if value is None else value for value in values], float)
+
+
+def _table(costs: Mapping[str, float | None]) -> dict[str, float]:
+    return {str(name): np.inf if cost is None else float(cost) for name, cost in costs.items()}

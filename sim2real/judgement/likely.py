@@ -44,10 +44,13 @@ def likely_in_words(kept: Sequence[Entry], rare: tuple[float, int] | None) -> li
     if len(kept) > 1:
         names = ", ".join(" with ".join(e.effects) for e in kept[:MOST_NAMED])
         more = f" and {len(kept) - MOST_NAMED} more" if len(kept) > MOST_NAMED else ""
-        said.append(f"in {100 * LEVEL:.0f} % of the campaigns that taught the judge, the truth is among: {names}{more}")
+        said.append(
+            f"by the fitted recordings, the truth is, in {100 * LEVEL:.0f} % of campaigns like those that taught the "
+            f"judge, among: {names}{more}"
+        )
     if rare is not None and rare[1]:
         said.append(
-            f"p-value of a known cause: {rare[0]:.2g}, the share of {rare[1]} campaigns with one that left as much "
-            "beyond noise and other forms when the judge was taught"
+            f"p-value of a known cause: {rare[0]:.2g} (none can be below {1 / (1 + rare[1]):.2g}), the share of "
+            f"{rare[1]} campaigns with one that left as much beyond noise and other forms when the judge was taught"
         )
     return said

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_env.rig.rig import Rig, load_rig
-from sim2real.blind.answer import OPENED
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Case, open_labels
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import Evidence
@@ -50,17 +49,15 @@ def names_of(entry: Entry, rig: Rig) -> frozenset[str]:
 
 
 def examples_of(folders: Sequence[Path]) -> list[Example]:
-    """Examples of sets of the benchmark that were opened, in order.
+    """Examples of answered sets of the benchmark, in order.
 
-    Left out are effects too small to show, what the oracle could not have told, and failed answers.
+    Left out are effects too small to show, what an oracle says that no method could tell, and failed answers.
 
     Raises:
-        ValueError: A set was not opened, or its answers hold no evidence.
+        ValueError: An answer holds no evidence, or none that can be read.
     """
     found = []
     for folder in folders:
-        if not (folder / OPENED).exists():
-            raise ValueError(f"{folder} was not opened: score it first (maglev blind score {folder})")
         for case in open_labels(folder):
             data = json.loads((folder / ANSWERS / f"{case.id}.json").read_text())
             if "error" in data or not _tellable(case):
@@ -69,7 +66,11 @@ def examples_of(folders: Sequence[Path]) -> list[Example]:
             if evidence is None:
                 raise ValueError(f"{folder / ANSWERS}/{case.id}.json holds no evidence: answer the set again")
             rig = load_rig(folder / CAMPAIGNS / case.id / "rig.toml")
-            found.append(Example(_family(case), _truth(case, rig), evidence_from_json(evidence), rig))
+            try:
+                read = evidence_from_json(evidence)
+            except ValueError as error:
+                raise ValueError(f"{folder / ANSWERS}/{case.id}.json: {error}") from None
+            found.append(Example(_family(case), _truth(case, rig), read, rig))
     return found
 
 

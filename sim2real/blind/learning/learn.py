@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from math import ceil
+from math import ceil, isfinite
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -28,23 +28,25 @@ UNKNOWN = frozenset({"unknown"})
 
 @dataclass(frozen=True)
 class Learned:
-    """A judge, and what it is worth on families that it did not learn from, beside the judge before.
+    """A judge, and what it is worth on families that it did not learn from, beside the judge without learning.
 
     Attributes:
-        judge: Learned from all examples.
-        score: Mean logarithm of the truth's probability, on families left out; and that of the judge before.
+        judge: Learned from all examples. Its belief is that of the code where a learned one is no better.
+        score: Mean logarithm of the truth's probability, on families left out; and that without learning.
         error: Calibration error likewise.
-        held: Share of campaigns whose set held the truth, likewise of families left out.
+        size: Median number of hypotheses in a set that holds the truth in LEVEL of campaigns, likewise.
     """
 
     judge: Judge
     score: tuple[float, float]
     error: tuple[float, float]
-    held: float
+    size: float
 
 
 def learn(examples: Sequence[Example], before: Judge, progress: Callable[[str], None] = lambda text: None) -> Learned:
     """Learn a judge, and validate it on families of truths that are left out in turn.
+
+    What a set must reach is told on those, too: on what taught it, a judge is too sure.
 
     Args:
         examples: To learn from.
@@ -57,28 +59,52 @@ def learn(examples: Sequence[Example], before: Judge, progress: Callable[[str], 
     families = sorted({e.family for e in examples})
     if len(families) < FOLDS:
         raise ValueError(f"examples of {len(families)} families of truths: {FOLDS} are needed to leave some out")
-    rows, plain, held = [], [], []
-    for fold in range(FOLDS):
-        progress(f"families left out: {fold + 1} of {FOLDS}")
-        out = set(families[fold::FOLDS])
-        judge = judge_of([e for e in examples if e.family not in out], before)
-        for e in (e for e in examples if e.family in out):
-            rows.append(_told(e, judge))
-            plain.append(_told(e, before))
-            held.append(_mass_before_truth(e, judge) <= judge.reached.get(channels_of(e.evidence), LEVEL))
+    folds = [set(families[fold::FOLDS]) for fold in range(FOLDS)]
+    scores = {}
+    for free in (True, False):
+        told: list[tuple[float, float, float]] = []
+        masses: list[tuple[str, float]] = []
+        lists: list[list[float]] = []
+        for n, out in enumerate(folds, 1):
+            progress(f"families left out: {n} of {FOLDS}, {'belief and trust' if free else 'trust'}")
+            judge = judge_of([e for e in examples if e.family not in out], before, free)
+            for e in (e for e in examples if e.family in out):
+                told.append(_told(e, judge))
+                masses.append((channels_of(e.evidence), _mass_before_truth(e, judge)))
+                lists.append([entry.probability for entry in e.found(judge)])
+        scores[free] = np.array(told), masses, lists
+    free = bool(scores[True][0][:, 2].mean() > scores[False][0][:, 2].mean())
+    ours, masses, lists = scores[free]
+    reached = {name: _reached([m for c, m in masses if c == name]) for name in sorted({c for c, _ in masses})}
     progress("all families")
-    ours, theirs = np.array(rows), np.array(plain)
+    judge = replace(judge_of(examples, before, free), reached=reached)
+    theirs = np.array([_told(e, before) for e in examples])
+    sizes = [1 + int(np.sum(np.cumsum(p)[:-1] <= reached[c])) for (c, _), p in zip(masses, lists, strict=True)]
     return Learned(
-        judge_of(examples, before),
+        judge,
         (float(ours[:, 2].mean()), float(theirs[:, 2].mean())),
         (calibration_error(ours[:, :2]), calibration_error(theirs[:, :2])),
-        float(np.mean(held)),
+        float(np.median(sizes)),
     )
 
 
-def judge_of(examples: Sequence[Example], before: Judge) -> Judge:
-    """The judge that examples teach; the same examples give the same bits."""
-    plain = replace(before, trust={}, reached={}, left={})
+def judge_of(examples: Sequence[Example], before: Judge, free: bool = True) -> Judge:
+    """The judge that examples teach; the same examples give the same bits.
+
+    Args:
+        examples: To learn from.
+        before: The judge whose constants are the prior.
+        free: Whether the constants of its belief are learned, too.
+    """
+    judge = replace(before, trust={}, reached={}, left={})
+    if free:
+        judge = _with_belief(examples, judge)
+    judge = replace(judge, trust=_by_channels(examples, lambda own, name: _trust(own, judge, name)))
+    return replace(judge, left=_by_channels(examples, lambda own, name: _left(own, judge)))
+
+
+def _with_belief(examples: Sequence[Example], plain: Judge) -> Judge:
+    """The judge with the constants of belief under which the truths are the most likely, within what was KNOWN."""
     start = np.log([getattr(plain.belief, name) for name in LEARNED])
 
     def at(moved: np.ndarray) -> Judge:
@@ -90,11 +116,7 @@ def judge_of(examples: Sequence[Example], before: Judge) -> Judge:
 
     first = np.vstack([np.zeros(len(LEARNED)), 0.4 * np.eye(len(LEARNED))])
     options = {"maxfev": ROUNDS, "initial_simplex": first, "xatol": 1e-3, "fatol": 1e-2}
-    judge = at(minimize(cost, np.zeros(len(LEARNED)), method="Nelder-Mead", options=options).x)
-    judge = replace(judge, trust=_by_channels(examples, lambda own, name: _trust(own, judge, name)))
-    reached = _by_channels(examples, lambda own, name: _reached(own, judge))
-    left = _by_channels(examples, lambda own, name: _left(own, judge))
-    return replace(judge, reached=reached, left=left)
+    return at(minimize(cost, np.zeros(len(LEARNED)), method="Nelder-Mead", options=options).x)
 
 
 def log_score(examples: Sequence[Example], judge: Judge) -> float:
@@ -117,16 +139,17 @@ def _trust(examples: Sequence[Example], judge: Judge, channels: str) -> float:
     return float(np.exp(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-3}).x))
 
 
-def _reached(examples: Sequence[Example], judge: Judge) -> float:
-    """The mass that sets must exceed so that they hold the truth of a further campaign at LEVEL."""
-    needed = sorted(_mass_before_truth(e, judge) for e in examples)
-    rank = ceil((len(needed) + 1) * LEVEL)
-    return float(needed[rank - 1]) if rank <= len(needed) else 1.0
+def _reached(masses: Sequence[float]) -> float:
+    """The mass that sets must exceed so that they hold the truth of a further campaign at LEVEL, from the masses before
+    the truth in campaigns that a judge did not learn from."""
+    rank = ceil((len(masses) + 1) * LEVEL)
+    return float(sorted(masses)[rank - 1]) if rank <= len(masses) else 1.0
 
 
 def _left(examples: Sequence[Example], judge: Judge) -> tuple[float, ...]:
     """What is left of known causes, in ascending order."""
-    return tuple(sorted(lacking(e.evidence, judge) for e in examples if e.truth != UNKNOWN))
+    left = (lacking(e.evidence, judge) for e in examples if e.truth != UNKNOWN)
+    return tuple(sorted(amount for amount in left if isfinite(amount)))
 
 
 def _mass_before_truth(e: Example, judge: Judge) -> float:

@@ -62,13 +62,13 @@ def test_a_judge_is_made_and_made_again_to_the_last_byte(tmp_path, monkeypatch):
     monkeypatch.setattr(learn, "ROUNDS", 12)
     arguments = ("--seed", 3, "--count", 40, "--processes", 1)
     text = maglev("blind", "learn", tmp_path / "s", *arguments, "--out", tmp_path / "one.json")
-    assert "40 campaigns" in text and "90 % set holds the truth" in text
+    assert "40 campaigns" in text and "hypotheses in a 90 % set" in text
     maglev("blind", "learn", tmp_path / "t", *arguments, "--out", tmp_path / "elsewhere.json")
     one, elsewhere = ((tmp_path / f"{name}.json").read_bytes() for name in ("one", "elsewhere"))
     assert one == elsewhere
     judge = judge_from(json.loads(one))
     assert judge.made_by["command"] == "maglev blind learn --count 40 --seed 3" and judge.made_by["examples"] == 40
     assert set(judge.trust) == {"displacement"} and len(judge.left["displacement"]) > 10
-    assert "holds 40 campaigns of seed 3" in maglev(
+    assert "holds 40 campaigns of the benchmark, seed 3" in maglev(
         "blind", "learn", tmp_path / "s", "--seed", 4, "--count", 40, "--out", tmp_path / "x.json", code=2
     )

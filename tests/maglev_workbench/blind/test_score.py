@@ -42,7 +42,7 @@ def said(campaign):
 
 class Said:
     def __init__(self, campaign):
-        self.data = said(campaign)
+        self.data, self.evidence = said(campaign), None
 
     def to_json(self):
         return self.data

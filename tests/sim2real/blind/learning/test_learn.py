@@ -78,6 +78,15 @@ def test_the_shipped_judge_says_what_made_it():
     assert set(judge.trust) == set(judge.reached) == set(judge.left) == {"current", "displacement"}
 
 
+@pytest.mark.parametrize("broken", [{"scatter": None}, {"groups": [1, 2]}, {"cost": [1.0]}, {"causes": 3}])
+def test_evidence_that_is_none_is_refused(broken):
+    data = json.loads(json.dumps(evidence_to_json(drawn(np.random.default_rng(5), "delay", 500.0, 25.0))))
+    with pytest.raises(ValueError, match="evidence cannot be read"):
+        evidence_from_json({**data, **broken})
+    with pytest.raises(ValueError, match="KeyError: 'effects'"):
+        evidence_from_json({name: value for name, value in data.items() if name != "effects"})
+
+
 def test_a_judge_of_another_schema_is_refused():
     with pytest.raises(ValueError, match="judge: schema 'x' is not maglev-judge/1"):
         judge_from({"schema": "x"})
