@@ -66,21 +66,26 @@ def toml_text(path: Path, kind: str) -> str:
         raise ValueError(f"{path}: {error}") from error
 
 
+SHOWN_OF_LINE = 80  # characters of a line in a message
+
+
 def toml_tables(text: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        ValueError: It is not TOML; the message shows the line, which most often holds a number as nobody else minds it.
+        ValueError: It is not TOML; the message shows the line, which most often holds a number in another writing, such
+            as 0,05 or .5.
     """
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        lines, at = text.splitlines(), _AT_LINE.search(str(error))
+        lines, at = text.split("\n"), _AT_LINE.search(str(error))
         if at is None or not 0 < int(at[1]) <= len(lines):
             raise
+        line = lines[int(at[1]) - 1].strip()[:SHOWN_OF_LINE]
         raise ValueError(
-            f"{error}: {lines[int(at[1]) - 1].strip()!r}; numbers are written 0.05 or 5.0, with a point and a digit on "
-            "either side of it, and texts in quotes"
+            f"{error}: {line!r}; numbers are written 0.05 or 5.0, with a point and a digit on either side of it, and texts "
+            "in quotes"
         ) from error
 
 

@@ -56,7 +56,7 @@ def step_after_reading(
     Returns:
         0 and UNKNOWN where no command tells it.
     """
-    if "command" not in statistics.channels:
+    if "command" not in statistics.channels or statistics.frequency.size < 2:
         return 0.0, UNKNOWN
     x, u, i = statistics.frequency / sample_rate, statistics.amplitude("command"), statistics.amplitude("current")
     own, shared = (np.real(statistics.cross(name, name)) for name in ("current", "command"))
@@ -76,7 +76,7 @@ def step_after_reading(
     ]
     best = min(fits, key=lambda fit: fit.cost)
     misfit = 2 * best.cost / (2 * x.size - 2)
-    if misfit > MISFIT:
+    if not misfit <= MISFIT:
         return 0.0, UNKNOWN
     spread = np.sqrt(max(misfit, 1.0) * np.linalg.pinv(best.jac.T @ best.jac)[1, 1])
     return float(best.x[1] % 1.0), min(float(spread), UNKNOWN)

@@ -62,6 +62,7 @@ def remove_tones(
     bins: list[float] = []  # of the whole record, where tones are
     chi2: list[float] = []
     amplitudes: list[dict[str, np.ndarray]] = []
+    first: list[float] = []  # squared sizes as they were found
 
     def shift(i: int, sign: float) -> None:
         """Take a tone away, or put it back."""
@@ -84,7 +85,22 @@ def remove_tones(
                 shift(i, 1.0)
                 bins[i], amplitudes[i] = _refined(cleaned, bins[i], per_period)
                 shift(i, -1.0)
-    return cleaned, [Tone(b * rate / total, a, c) for b, a, c in zip(bins, amplitudes, chi2, strict=True)]
+                if i == len(first):
+                    first.append(float((abs(amplitudes[i]["displacement"]) ** 2).sum()))
+    # What a neighbour had lent to a tone is no evidence of it.
+    size = [float((abs(a["displacement"]) ** 2).sum()) for a in amplitudes]
+    chi2 = [c * now / was for c, now, was in zip(chi2, size, first, strict=True)]
+    least = _significant(total // 2, len(cleaned["displacement"]))
+    for i, c in enumerate(chi2):
+        if c < least:
+            shift(i, 1.0)
+    found = zip(bins, amplitudes, chi2, strict=True)
+    return cleaned, [Tone(b * rate / total, a, c) for b, a, c in found if c >= least]
+
+
+def _significant(bins: int, axes: int) -> float:
+    """Chi-square that noise alone hardly ever shows in any of so many bins."""
+    return float(stats.chi2.isf(FALSE_ALARM / bins, 2 * axes)) * 1.5
 
 
 def _refined(channels: Mapping[str, np.ndarray], at: float, per_period: int) -> tuple[float, dict[str, np.ndarray]]:
@@ -113,10 +129,9 @@ def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float] | Non
     if count < 3:
         return None
     bins, p, level = _around(values, per_period)
-    freedom = 2 * len(values)
     ratio = 2 * p / level
     at = int(np.argmax(ratio))
-    if ratio[at] < stats.chi2.isf(FALSE_ALARM / ratio.size, freedom) * 1.5:
+    if ratio[at] < _significant(ratio.size, len(values)):
         return None
     return float(bins[at]), float(ratio[at])
 

@@ -62,8 +62,27 @@ def test_what_is_known_or_touches_down_is_not_proposed(gap):
     assert joint_pairs(problem, base, singles) == []
 
 
-def test_of_effects_with_one_sign_none_is_proposed_with_the_other(gap):
-    """A friction that would have to drive the rotor."""
+def test_an_effect_of_one_sign_is_not_proposed_with_the_other(gap):
+    """What would fit with the opposite of a hysteresis, which cannot have it."""
     problem, base, singles = gap
-    for p in joint_pairs(problem, base, singles):
-        assert all(c.low <= c.value(v) <= c.high for c, v in zip(p.hypothesis.coordinates, p.u, strict=False))
+    hysteresis = BASE.instead("hysteresis")
+    u = np.array([c.at({"strength": 0.1, "width": 0.1}[c.parameter]) for c in hysteresis.coordinates] + [0.0])
+    for sign, proposed in ((1.0, True), (-1.0, False)):
+        own = SimpleNamespace(simulate=lambda points, sign=sign: _with_hysteresis(points, sign), data=problem.data)
+        fits = [f for f in singles if f.hypothesis.effects == ("actuator_gain",)]
+        fits += begin([hysteresis], [u], own.data, own.simulate)
+        found = joint_pairs(own, base, fits)
+        assert bool(found) == proposed
+
+
+def _with_hysteresis(points, sign):
+    """A hysteresis does what a smaller stiffness does, or the opposite."""
+    found = simulate(
+        [
+            SimpleNamespace(effects={k: v for k, v in p.effects.items() if k != "hysteresis"}, changes=p.changes)
+            for p in points
+        ]
+    )
+    for row, p in zip(found, points, strict=True):
+        row += sign * 300.0 * p.effects.get("hysteresis", {"strength": 0.0})["strength"] * COLUMN["negative_stiffness"]
+    return found
