@@ -84,8 +84,8 @@ def toml_tables(text: str) -> dict[str, Any]:
             raise
         line = lines[int(at[1]) - 1].strip()[:SHOWN_OF_LINE]
         raise ValueError(
-            f"{error}: {line!r}; numbers are written 0.05 or 5.0, with a point and a digit on either side of it, and texts "
-            "in quotes"
+            f"{error}: {line!r}; numbers are written 0.05 or 5.0, with a point and a digit on either side of it, and "
+            "texts in quotes"
         ) from error
 
 
