@@ -272,7 +272,8 @@ def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
     check_known(parameters, PARAMETERS, "[parameters]")
     if "gap" in parameters and "clearance" not in parameters and rig.clearance == rig.gap:
         parameters = {**parameters, "clearance": parameters["gap"]}
-    if rig.target.band == _default_band(rig):
+    # A default band follows the control rate alone: rigs within tolerance of one another are judged in one band.
+    if "control_rate" in parameters and rig.target.band == _default_band(rig):
         parameters = {**parameters, "target": replace(rig.target, band=None)}
     return replace(rig, **parameters)
 
