@@ -8,7 +8,6 @@ too, its response to the current tells it.
 from math import sqrt
 
 import numpy as np
-import scipy.optimize
 
 from estimation.lines.periods import LineStatistics
 
@@ -69,10 +68,10 @@ def step_after_reading(
         off = (i - response * u) / np.sqrt(np.maximum(variance, least) / 2)
         return np.concatenate([off.real, off.imag, p[2:]])
 
+    from scipy.optimize import least_squares  # here because it takes long to import
+
     fits = [
-        scipy.optimize.least_squares(left, [1.0, whole + start, 0.0], x_scale=[1.0, 0.1, 1.0])
-        for whole in WHOLE
-        for start in STARTS
+        least_squares(left, [1.0, whole + start, 0.0], x_scale=[1.0, 0.1, 1.0]) for whole in WHOLE for start in STARTS
     ]
     best = min(fits, key=lambda fit: fit.cost)
     misfit = 2 * best.cost / (2 * x.size - 2)

@@ -213,4 +213,4 @@ def test_margins_of_a_simulated_experiment_are_those_at_the_reading():
     e = protocol_experiment(rig)
     frequency = np.geomspace(1.0, 0.45 * rig.control_rate, 400)
     peak = abs(loop_response(e, frequency).sensitivity).max()
-    assert evaluate([e]).margins["peak_sensitivity"][0] == pytest.approx(peak, rel=0.01)
+    assert evaluate([e]).margins["peak_sensitivity"][0] == pytest.approx(peak, rel=0.02)
