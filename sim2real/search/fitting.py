@@ -22,6 +22,9 @@ REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and the factor 
 # be behind, factor on that share per step, and cost that it may be behind in any case.
 PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
 NOT_TOLD = 1e6  # coordinates: standard error of one that nothing tells
+# Share of the largest eigenvalue below which a combination of coordinates is not told, and least share of such a
+# combination that one of them must have not to be told either.
+SINGULAR, SHARED = 1e-14, 1e-6
 HOPE = 2.0  # times what a linear prediction promises that a fit may still gain
 
 
@@ -92,8 +95,16 @@ class Fit:
 
     @property
     def spread(self) -> np.ndarray:
-        """Standard errors (size,) by the curvature; NOT_TOLD where that is none, as where the rotor falls beside."""
-        return np.where(np.diag(self.normal) > 0, np.sqrt(np.diag(self.covariance())), NOT_TOLD)
+        """Standard errors (size,) by the curvature.
+
+        NOT_TOLD where that is none, as where the rotor falls beside, and of coordinates of which only a combination is
+        told.
+        """
+        scaled, _ = _scaled(self.normal)
+        values, vectors = np.linalg.eigh(scaled)
+        lost = np.sum(vectors[:, values <= SINGULAR * values.max(initial=0.0)] ** 2, axis=1)
+        told = (np.diag(self.normal) > 0) & (lost < SHARED)
+        return np.where(told, np.sqrt(np.diag(self.covariance())), NOT_TOLD)
 
 
 def inverse(normal: np.ndarray) -> np.ndarray:
@@ -101,10 +112,15 @@ def inverse(normal: np.ndarray) -> np.ndarray:
 
     One that is told a billion times better than another would count as all of the matrix, and the other as known.
     """
+    scaled, size = _scaled(normal)
+    return np.linalg.pinv(scaled, rcond=SINGULAR, hermitian=True) / np.outer(size, size)
+
+
+def _scaled(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A normal matrix with ones on its diagonal, and what each coordinate was divided by."""
     size = np.sqrt(np.diag(normal))
     size = np.where(size > 0, size, 1.0)
-    scale = np.outer(size, size)
-    return np.linalg.pinv(normal / scale, hermitian=True) / scale
+    return normal / np.outer(size, size), size
 
 
 def real_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -302,3 +302,13 @@ def test_a_coordinate_that_nothing_tells_has_no_error_of_zero():
     jacobian[0] = 1.0
     fit = Fit(Hypothesis(("actuator_gain", "damping"), {}), np.zeros(2), np.zeros(ROWS, complex), 0.0, jacobian)
     assert fit.spread == pytest.approx([ROWS**-0.5, NOT_TOLD])
+
+
+def test_of_two_that_do_the_same_neither_is_told():
+    rng = np.random.default_rng(6)
+    same, own = rng.standard_normal((2, ROWS)) + 1j * rng.standard_normal((2, ROWS))
+    h = Hypothesis(("actuator_gain", "damping", "mass"), {})
+    fit = Fit(h, np.zeros(3), np.zeros(ROWS, complex), 0.0, np.array([same, same, own]))
+    assert fit.spread[:2].tolist() == [NOT_TOLD] * 2 and fit.spread[2] < 1.0
+    apart = Fit(h, np.zeros(3), np.zeros(ROWS, complex), 0.0, np.array([same, same + 1e-3 * own, own**2]))
+    assert (fit.spread[2] < apart.spread[:2]).all() and (apart.spread < NOT_TOLD / 10).all()
