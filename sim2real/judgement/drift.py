@@ -35,12 +35,14 @@ class Drift:
         se: Its standard error.
         chi2: What the trends of all recordings weigh.
         left: What one rate of the gain leaves of it.
+        without_period: The part of chi2 that recordings without a period have.
     """
 
     rate: float
     se: float
     chi2: float
     left: float
+    without_period: float = 0.0
 
     @property
     def parameters(self) -> Mapping[str, float]:
@@ -58,7 +60,8 @@ def drift_of(problem: Problem, fit: Fit) -> Drift | None:
     """
     point = fit.hypothesis.point(fit.u)
     rows = [row for part in problem.parts if (row := _slope(part, point))]
-    rows += [row for row in [_over_time(problem, fit, point)] if row]
+    without = _over_time(problem, fit, point)
+    rows += [without] if without else []
     if not rows:
         return None
     rate, sd, beyond, scatter = (np.array(column) for column in zip(*rows, strict=True))
@@ -73,7 +76,8 @@ def drift_of(problem: Problem, fit: Fit) -> Drift | None:
     other = beyond - (rate / sd) ** 2  # trends in other directions, beyond what noise makes
     surely = (other > CLEARLY * scatter) & (other > OTHER * beyond)
     left += float(other[surely].sum())
-    return Drift(mean, float(weight.sum() ** -0.5), chi2 + float(other[surely].sum()), left)
+    alone = without[2] if without else 0.0
+    return Drift(mean, float(weight.sum() ** -0.5), chi2 + float(other[surely].sum()), left, alone)
 
 
 def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None:

@@ -42,7 +42,7 @@ class Evidence:
         causes: Cost of each effect that may explain one of the families in `judge.OPEN`.
         dispersion: What the best candidate leaves beyond noise.
         strain: Part of each candidate's cost that stated parameters make that moved by more than STRAINED tolerances.
-        by_drift: What a drift of the gain saves of each candidate's cost, which is less by that much.
+        taken_up: What each candidate has taken up of the weight of a drift, which is then less for it.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -56,7 +56,7 @@ class Evidence:
     causes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     dispersion: Dispersion = NOISE_ALONE
     strain: np.ndarray | None = None
-    by_drift: np.ndarray | None = None
+    taken_up: np.ndarray | None = None
 
 
 def evidence_of(
@@ -77,12 +77,11 @@ def evidence_of(
         for i, fit in enumerate(fits):
             if cost[i] < cost.min() + NEAR_BEST or i == 0:
                 fits[i] = without_drift(p, fit, drift.rate)
-    saved = np.array(
-        [
-            max(c.fit.cost - fit.cost, 0.0) if np.isfinite(fit.cost) else 0.0
-            for c, fit in zip(candidates, fits, strict=True)
-        ]
-    )
+    pairs = zip(candidates, fits, strict=True)
+    saved = np.array([max(c.fit.cost - f.cost, 0.0) if np.isfinite(f.cost) else 0.0 for c, f in pairs])
+    told = [fit is not c.fit for c, fit in zip(candidates, fits, strict=True)]
+    most = 0.0 if drift is None else drift.without_period
+    taken_up = np.where(told, np.maximum(most - saved, 0.0), 0.0)
     cost = cost - saved
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
@@ -105,7 +104,7 @@ def evidence_of(
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
         np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in candidates]),
-        saved,
+        taken_up,
     )
 
 

@@ -36,7 +36,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
     if cost.shape != (len(effects),) or excess.shape != (len(effects), len(groups)):
         raise TypeError("costs, excess, effects and groups do not belong together")
     kinds = {name: ChiSquare(**data["dispersion"][name]) for name in ("fit", "recordings")}
-    given = {name: data.get(name) for name in ("strain", "by_drift")}
+    given = {name: data.get(name) for name in ("strain", "taken_up")}
     known = {name: None if values is None else _numbers(values) for name, values in given.items()}
     return Evidence(
         effects=effects,

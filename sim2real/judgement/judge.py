@@ -82,7 +82,8 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
     # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, or of
     # what differs among recordings.
-    foreign = _unnamed(rows[int(np.argmin(costs))][0], evidence)
+    named_best, *_, at_best = rows[int(np.argmin(costs))]
+    foreign = _unnamed(named_best, at_best, evidence)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
     unlike = _unlike(evidence, saved, forms[best], excused, belief)
     gain = 0.5 * belief.freedom * (np.log1p(unlike) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
@@ -192,11 +193,8 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
 
     for names, cost, prior, candidate in rows:
         base = () if candidate is None else evidence.effects[candidate]
-        tones = {
-            family: weight for family, weight in evidence.tones.items() if family not in OF_LOST or LOST not in base
-        }
-        if DRIFT in tones and candidate is not None and evidence.by_drift is not None:
-            tones[DRIFT] = min(tones[DRIFT], float(evidence.by_drift[candidate]))  # it may have taken up the drift
+        explained = OF_LOST if LOST in base else ()
+        tones = {f: weight for f, weight in _tones_of(evidence, candidate).items() if f not in explained}
         propose((names, cost + sum(tones.values()), prior, candidate))
         for added, off in _named(tones, evidence):
             both = _joined(base, added)
@@ -228,12 +226,20 @@ def _joined(base: tuple[str, ...], added: tuple[str, ...]) -> tuple[str, ...]:
     return (*kept, *added)
 
 
-def _unnamed(names: tuple[str, ...], evidence: Evidence) -> float:
+def _tones_of(evidence: Evidence, candidate: int | None) -> dict[str, float]:
+    """What tones weigh for a candidate, which may have taken up part of a drift."""
+    tones = dict(evidence.tones)
+    if DRIFT in tones and candidate is not None and evidence.taken_up is not None:
+        tones[DRIFT] = max(tones[DRIFT] - float(evidence.taken_up[candidate]), 0.0)
+    return tones
+
+
+def _unnamed(names: tuple[str, ...], candidate: int | None, evidence: Evidence) -> float:
     """What these effects leave of what the OPEN families weigh."""
-    left = 0.0
-    for family in (f for f in OPEN if f in evidence.tones):
+    left, tones = 0.0, _tones_of(evidence, candidate)
+    for family in (f for f in OPEN if f in tones):
         causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family in OF_LOST else {})}
-        left += min([evidence.tones[family], *(off for effect, off in causes.items() if effect in names)])
+        left += min([tones[family], *(off for effect, off in causes.items() if effect in names)])
     return left
 
 
