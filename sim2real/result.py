@@ -57,8 +57,8 @@ class Diagnosis:
         unseen: Effects that do not show in any recording, because they act before the current that drives it.
         likely: The hypotheses among which the truth is, by the fitted recordings alone, in 90 % of campaigns like those
             that taught the judge: of effects that show, each family of causes judged by what the others taught.
-        rareness: Share of the campaigns of a known cause that left as much unexplained, with their number; None where
-            an effect is named or nothing is missing.
+        rareness: Share of the campaigns of a known cause that left as much unexplained, with their number; None unless
+            the verdict is "unexplained".
         evidence: What the probabilities were computed from.
     """
 

@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from math import isfinite
@@ -16,6 +16,7 @@ ANSWER_SCHEMA, DIAGNOSIS_SCHEMA = "maglev-blind-answer/1", "maglev-diagnosis/1"
 KINDS = ("none", "single", "pair", "unknown")
 VERDICTS = ("no_gap", "explained", "ambiguous", "unexplained")
 NO_GAP, UNKNOWN = frozenset({"none"}), frozenset({"unknown"})
+_CALIBRATION = frozenset({"calibration"})
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,12 @@ class Answer:
     version: str
     changes: Mapping[str, float] = field(default_factory=dict)
     likely: tuple[frozenset[str], ...] | None = None
+
+
+def named(effects: Iterable[str]) -> frozenset[str]:
+    """A hypothesis of a diagnosis as a truth is named. "calibration" is "none": a real rig is never exactly nominal."""
+    names = frozenset(effects)
+    return NO_GAP if names == _CALIBRATION else names
 
 
 def seal_of(folder: Path) -> str:

@@ -184,7 +184,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     whole = slice(dropped * n, whole_periods)
     if dropped:  # beside a transient, a tone does not stand out
         toneless, tones = remove_tones({k: v[:, whole] for k, v in measured.items()}, n, spec.sample_rate / multiple)
-    series = {kind: without_wander(values[:, -(whole_periods - dropped * n) :], n) for kind, values in toneless.items()}
+    series = {kind: without_wander(values, n) for kind, values in toneless.items()}
     split = split_periods(np.concatenate(list(series.values())), n)
     kept = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
     periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}

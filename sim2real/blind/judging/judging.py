@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from math import inf
 
 from maglev_env.loop.effect import EFFECTS
-from sim2real.blind.cases import NO_GAP, Answer, Case
+from sim2real.blind.cases import Answer, Case, named
 from sim2real.blind.judging.alike import alike_sets
-
-_CALIBRATION = frozenset({"calibration"})
-_LEVEL = 0.9  # probability of the smallest set of hypotheses that must hold the truth
+from sim2real.judgement.belief import LEVEL
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def judge(case: Case, answer: Answer) -> Judgement:
         flagged=answer.verdict == "unexplained",
         top_right=top[0] == truth,
         top_probability=top[1],
-        covered=truth in (smallest_set(ranked) if answer.likely is None else _merged_names(answer.likely)),
+        covered=truth in (smallest_set(ranked) if answer.likely is None else set(map(named, answer.likely))),
     )
 
 
@@ -105,13 +103,9 @@ def merged(answer: Answer) -> list[tuple[frozenset[str], float]]:
     """(effects, probability), the most probable first; the probability of "calibration" is added to "none"."""
     total: dict[frozenset[str], float] = {}
     for one in answer.which:
-        key = NO_GAP if one.effects == _CALIBRATION else one.effects
+        key = named(one.effects)
         total[key] = total.get(key, 0.0) + one.probability
     return sorted(total.items(), key=lambda item: (-item[1], sorted(item[0])))
-
-
-def _merged_names(likely: Sequence[frozenset[str]]) -> set[frozenset[str]]:
-    return {NO_GAP if effects == _CALIBRATION else effects for effects in likely}
 
 
 def smallest_set(ranked: Sequence[tuple[frozenset[str], float]]) -> set[frozenset[str]]:
@@ -119,7 +113,7 @@ def smallest_set(ranked: Sequence[tuple[frozenset[str], float]]) -> set[frozense
     found: set[frozenset[str]] = set()
     total = 0.0
     for effects, probability in ranked:
-        if total >= _LEVEL - 1e-9:
+        if total >= LEVEL - 1e-9:
             break
         found.add(effects)
         total += probability

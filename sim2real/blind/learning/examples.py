@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_env.rig.rig import Rig, load_rig
-from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Case, open_labels
+from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Case, named, open_labels
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.evidence_json import evidence_from_json
@@ -39,13 +39,7 @@ class Example:
 
     def probability(self, judge: Judge) -> float:
         """Probability that a judge gives the truth."""
-        return sum(e.probability for e in self.found(judge) if names_of(e, self.rig) == self.truth)
-
-
-def names_of(entry: Entry, rig: Rig) -> frozenset[str]:
-    """The names of a hypothesis as those of a truth."""
-    names = frozenset(entry.effects)
-    return frozenset({"none"}) if names == {"calibration"} else names
+        return sum(e.probability for e in self.found(judge) if named(e.effects) == self.truth)
 
 
 def examples_of(folders: Sequence[Path]) -> list[Example]:

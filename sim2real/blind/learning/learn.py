@@ -7,8 +7,9 @@ from math import ceil, isfinite
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from sim2real.blind.cases import named
 from sim2real.blind.judging.calibration import calibration_error
-from sim2real.blind.learning.examples import Example, names_of
+from sim2real.blind.learning.examples import Example
 from sim2real.judgement.belief import LEVEL, Belief, Judge, channels_of
 from sim2real.judgement.judge import lacking
 
@@ -156,7 +157,7 @@ def _mass_before_truth(e: Example, judge: Judge) -> float:
     """Probability of all hypotheses that are more probable than the truth; 1 where it is not among them."""
     before = 0.0
     for entry in e.found(judge):
-        if names_of(entry, e.rig) == e.truth:
+        if named(entry.effects) == e.truth:
             return before
         before += entry.probability
     return 1.0
@@ -165,5 +166,5 @@ def _mass_before_truth(e: Example, judge: Judge) -> float:
 def _told(e: Example, judge: Judge) -> tuple[float, float, float]:
     """Probability of the first hypothesis, whether it is the truth, and the logarithm of the truth's probability."""
     first = e.found(judge)[0]
-    right = names_of(first, e.rig) == e.truth
+    right = named(first.effects) == e.truth
     return first.probability, float(right), float(np.log(max(e.probability(judge), LEAST)))
