@@ -135,22 +135,34 @@ def _besides(diagnosis: Diagnosis) -> str:
 
 
 def _whole_lags(diagnosis: Diagnosis) -> list[str]:
-    """How long a block lags in all where a lag of it is named and the stated time constant has no tolerance, or moved
-    beyond it: the share of each says nothing."""
+    """How long a block lags in all where a lag of it is named and this says more than the time constant alone: where a
+    part is simulated as dead time, or the stated time constant has no tolerance or moved beyond it, and each share says
+    nothing."""
     found = []
     for effect, name in REPLACED.items():
-        values = diagnosis.corrected.effects.get(effect)
         change, sure = diagnosis.corrected.changes.get(name, 0.0), diagnosis.rig.tolerance.get(name, inf)
-        if values is None or (name not in usual_tolerances(diagnosis.rig) and abs(change) < sure):
+        shared = name in usual_tolerances(diagnosis.rig) or abs(change) >= sure
+        if effect not in diagnosis.corrected.effects or not (shared or _dead_part(diagnosis, effect)):
             continue
         stated = getattr(diagnosis.rig, name)
-        whole = stated * (1 + change)
-        whole += (1 - values.get("feedback", 0.0)) * values["time_constant"]
-        if effect == "amplifier_lag" and "delay" not in named(diagnosis)[0].effects:  # a part of it is simulated as one
-            whole += diagnosis.corrected.effects.get("delay", {}).get("time", 0.0)
+        whole = stated * (1 + change) + added_lag(diagnosis, effect)
         block = effect.removesuffix("_lag")
         found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")
     return found
+
+
+def added_lag(diagnosis: Diagnosis, effect: str) -> float:
+    """Time in s by which a lag of the corrected rig ("amplifier_lag" or "sensor_lag") makes its block later at low
+    frequencies: its time constant, less what feedback around it takes away, and the part of it that is dead time."""
+    values = diagnosis.corrected.effects[effect]
+    return (1 - values.get("feedback", 0.0)) * values["time_constant"] + _dead_part(diagnosis, effect)
+
+
+def _dead_part(diagnosis: Diagnosis, effect: str) -> float:
+    """Seconds of an amplifier's lag that are simulated as a delay."""
+    if effect != "amplifier_lag" or any("delay" in cause.split("+") for cause in diagnosis.cause):
+        return 0.0
+    return diagnosis.corrected.effects.get("delay", {}).get("time", 0.0)
 
 
 def _far(diagnosis: Diagnosis) -> list[str]:

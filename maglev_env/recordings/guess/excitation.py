@@ -61,10 +61,9 @@ def _periodic(
         lines = lines_of(values, period)
         own = tuple(k for k in lines.harmonics if k not in taken)
         # What is left of a force beside the lines of the injection is the bearing's answer to it, unless it is strong.
-        strongest = max(lines.amplitudes, default=0.0)
-        own_strongest = max(
-            (a for k, a in zip(lines.harmonics, lines.amplitudes, strict=True) if k in own), default=0.0
-        )
+        sizes = {k: abs(phasor) for k, phasor in zip(lines.harmonics, lines.phasors, strict=True)}
+        strongest = max(sizes.values(), default=0.0)
+        own_strongest = max((sizes[k] for k in own), default=0.0)
         if not own or own_strongest < 0.1 * strongest:
             continue
         taken |= set(own)
@@ -83,14 +82,14 @@ def _table(place: str, name: str, own: tuple[int, ...], lines: Lines, period: in
         **({"direction": 90.0} if name.endswith("_y") else {}),
         **({"fundamental": rate / period} if rate else {"period_samples": period}),
         **({"harmonics": [first, last]} if whole else {"lines": list(own)}),
-        "amplitude": float(f"{lines.peak:.4g}"),
+        "amplitude": float(f"{lines.peak(own):.4g}"),
     }
 
 
 def _in_words(name: str, own: tuple[int, ...], fundamental: float | None, lines: Lines) -> str:
     in_hertz = (lambda k: f"{k * fundamental:.6g} Hz") if fundamental else (lambda k: f"{k} per period")
     if len(own) == 1:
-        return f"{name} is one sine of {in_hertz(own[0])}, peak {lines.peak:.3g}"
+        return f"{name} is one sine of {in_hertz(own[0])}, peak {lines.peak(own):.3g}"
     steps = np.unique(np.diff(own))
     every = (
         f", every {steps[0]}" if steps.size == 1 and steps[0] > 1 else "" if steps.size == 1 else ", not all of them"

@@ -1,5 +1,6 @@
 """Whether a signal repeats, after how many samples, and which lines it holds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,15 +19,22 @@ class Lines:
 
     Args:
         harmonics: harmonic numbers, increasing.
-        amplitudes: of each, in the signal's unit.
-        peak: largest deviation from the mean over a mean period.
+        phasors: of each, complex, in the signal's unit.
+        period: in samples.
         periods: whole periods in the record.
     """
 
     harmonics: tuple[int, ...]
-    amplitudes: tuple[float, ...]
-    peak: float
+    phasors: tuple[complex, ...]
+    period: int
     periods: int
+
+    def peak(self, harmonics: Sequence[int]) -> float:
+        """The largest value of some of these lines together over a period, as the format states a multisine's."""
+        spectrum = np.zeros(self.period // 2 + 1, complex)
+        for harmonic, phasor in zip(self.harmonics, self.phasors, strict=True):
+            spectrum[harmonic] = phasor if harmonic in harmonics else 0.0
+        return float(np.abs(np.fft.irfft(spectrum, self.period)).max()) * self.period / 2
 
 
 def period_of(values: np.ndarray) -> tuple[int, float] | None:
@@ -80,16 +88,11 @@ def lines_of(values: np.ndarray, period: int) -> Lines:
     whole = values[values.size - count * period :].reshape(count, period)
     steady = whole[1:] if count > 2 else whole
     spectra = np.fft.rfft(steady, axis=1)[:, 1 : (period - 1) // 2 + 1] * (2 / period)
-    amplitude = np.abs(spectra.mean(axis=0))
+    phasors = spectra.mean(axis=0)
+    amplitude = np.abs(phasors)
     noise = np.sqrt(spectra.var(axis=0, ddof=1) / len(steady)) if len(steady) > 1 else np.zeros_like(amplitude)
     strong = (amplitude > _SIGNIFICANT * noise) & (amplitude > _STRONG * amplitude.max())
     chosen = np.flatnonzero(strong)
     if chosen.size > _MOST_LINES:
         chosen = np.sort(chosen[np.argsort(amplitude[chosen])[-_MOST_LINES:]])
-    mean = steady.mean(axis=0)
-    return Lines(
-        tuple(int(k) + 1 for k in chosen),
-        tuple(float(a) for a in amplitude[chosen]),
-        float(np.abs(mean - mean.mean()).max()),
-        count,
-    )
+    return Lines(tuple(int(k) + 1 for k in chosen), tuple(complex(p) for p in phasors[chosen]), period, count)

@@ -1,6 +1,6 @@
 """What is to be minded of the effects that a diagnosis names: what the rig leaves out, and what looks like them."""
 
-from sim2real.report import corrections
+from sim2real.report import added_lag, corrections
 from sim2real.result import Diagnosis
 from sim2real.search.hypotheses import REPLACED
 
@@ -43,7 +43,7 @@ def unstated(diagnosis: Diagnosis) -> list[str]:
         stated = getattr(diagnosis.rig, name) or name in diagnosis.rig.tolerance
         if stated or values is None or not causes or not all(effect in cause for cause in causes):
             continue
-        value = float(f"{values['time_constant']:.3g}")
+        value = float(f"{added_lag(diagnosis, effect):.3g}")
         found.append(
             f"the rig states no {name}, so that {effect} may be no fault but what was left out: with {name} = "
             f"{value!r} (s) in rig.toml, if that is right, `maglev diagnose` says what else differs"

@@ -263,6 +263,15 @@ def test_what_does_not_repeat_is_said_in_words(kind):
     assert tables == [{"kind": "recorded", "at": "reference"}] and why.value == kind
 
 
+def test_the_stated_peak_of_a_square_wave_is_that_of_the_lines_that_are_stated():
+    square = np.tile(np.where(np.arange(2000) < 1000, 3e-4, -3e-4), 4)
+    square = square + 1e-7 * np.random.default_rng(5).standard_normal(square.size)
+    (table,), _ = guess_excitation({"reference": square}, 1000.0)
+    t = np.arange(20_000) / 20_000
+    lines = sum(4 / np.pi / k * np.sin(2 * np.pi * k * t) for k in table["lines"])
+    assert table["amplitude"] == pytest.approx(3e-4 * np.abs(lines).max(), rel=0.01)  # they overshoot by 18 %
+
+
 def test_one_sine_and_hover():
     (table,), why = guess_excitation({"reference": np.sin(2 * np.pi * 5 * T), "displacement": SLOW}, RATE)
     assert table["lines"] == [1] and table["fundamental"] == 5.0 and "one sine of 5 Hz" in why.reason

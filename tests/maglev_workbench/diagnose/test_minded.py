@@ -28,6 +28,14 @@ def test_a_lag_that_nobody_stated_is_said_to_be_what_was_left_out(cause):
     assert "states no amplifier_time_constant" in said and "amplifier_time_constant = 0.004 (s)" in said
 
 
+def test_a_lag_of_which_a_part_is_dead_time_is_to_be_stated_whole():
+    found = diagnosis(("amplifier_lag",))
+    found.corrected.effects["amplifier_lag"]["feedback"] = 0.25
+    found.corrected.effects["delay"] = {"time": 1.0e-3}
+    (said,) = unstated(found)
+    assert "amplifier_time_constant = 0.004 (s)" in said  # 0.75 * 4.003 ms + 1 ms
+
+
 @pytest.mark.parametrize(
     "known",
     [
