@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from maglev_env.channels import MEASURED
-from maglev_env.recordings.guess.columns import NO_UNIT, ColumnGuess, with_scale
+from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
+from maglev_env.recordings.guess.columns.scaling import NO_UNIT
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
 from maglev_env.recordings.guess.suspended import CENTRE, DIRECTION, asked_for_the_centre

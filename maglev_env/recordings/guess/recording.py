@@ -10,7 +10,8 @@ import numpy as np
 from maglev_env.channels import SHOWN_BY
 from maglev_env.recordings.contents import Contents, contents
 from maglev_env.recordings.files import read_columns
-from maglev_env.recordings.guess.columns import ColumnGuess, guess_columns
+from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
+from maglev_env.recordings.guess.columns.columns import guess_columns
 from maglev_env.recordings.guess.controllers import asked_of, controllers, rescaled
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation

@@ -10,7 +10,7 @@ import numpy as np
 from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
-from maglev_env.recordings.guess.columns import ColumnGuess, with_scale
+from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
 from maglev_env.recordings.guess.words import is_distance

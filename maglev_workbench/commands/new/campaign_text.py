@@ -5,7 +5,7 @@ from textwrap import wrap
 
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.campaign_writer import toml_value
-from maglev_env.recordings.guess.columns import ColumnGuess
+from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.evidence import Guess
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_env.rig.rig import PRESETS

@@ -13,7 +13,7 @@ import numpy as np
 
 from maglev_env.recordings.contents import Contents, contents, rasters, runs
 from maglev_env.recordings.files import atomic_file, read_columns
-from maglev_env.recordings.guess.columns import guess_columns
+from maglev_env.recordings.guess.columns.columns import guess_columns
 from maglev_env.recordings.guess.rate import stated_step
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_workbench.commands.new.files import JOINED

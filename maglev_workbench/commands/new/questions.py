@@ -6,7 +6,7 @@ from dataclasses import replace
 import typer
 
 from maglev_env.loop.magnets.kinds import MAGNETS
-from maglev_env.recordings.guess.columns import ColumnGuess, with_scale
+from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_env.recordings.guess.units import known_unit
 from maglev_workbench.commands.new.stated import Stated

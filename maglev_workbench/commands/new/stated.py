@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
 
+from maglev_env.recordings.guess.columns.stated_columns import with_stated
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
-from maglev_env.recordings.guess.stated_columns import with_stated
 
 
 @dataclass(frozen=True)

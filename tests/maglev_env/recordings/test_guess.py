@@ -8,7 +8,7 @@ from scipy.signal import chirp, lfilter
 from maglev_env.loop.gains import Gains, state_space
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
-from maglev_env.recordings.guess.columns import guess_columns
+from maglev_env.recordings.guess.columns.columns import guess_columns
 from maglev_env.recordings.guess.controller import fit_controller
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate, stated_step, time_scale

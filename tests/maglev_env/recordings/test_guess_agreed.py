@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.guess.agreed import agreed, like_most, one_controller, one_rotor, without_motion
+from maglev_env.recordings.guess.columns.stated_columns import with_stated
 from maglev_env.recordings.guess.evidence import Guess
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
-from maglev_env.recordings.guess.stated_columns import with_stated
 from maglev_env.recordings.guess.verified import verified
 
 

@@ -8,8 +8,8 @@ import pytest
 from maglev_env.recordings.alarms import alarms_of
 from maglev_env.recordings.campaign import parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
+from maglev_env.recordings.guess.columns.stated_columns import with_stated
 from maglev_env.recordings.guess.recording import guess_recording
-from maglev_env.recordings.guess.stated_columns import with_stated
 from maglev_env.recordings.guess.suspended import below_the_magnet
 from maglev_env.recordings.guess.verified import verified
 from maglev_env.recordings.recording import read_recording

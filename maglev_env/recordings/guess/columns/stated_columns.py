@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from maglev_env.recordings.guess.columns import ColumnGuess, with_scale
+from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.evidence import STATED
 
 SAME_DIRECTION = "scale > 0, if it counts in the other direction than the displacement"
