@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from maglev_env.design.protocols import diagnosis_campaign
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation

@@ -270,3 +270,14 @@ def protocol_experiment(
         lacks = "gains" if p else "protocol"
         raise ValueError(f"rig {rig.name}: its TOML has no [{lacks}]; fill it in by with_defaults(rig)")
     return Experiment(rig, gains, p.excitations, p.periods, p.transient_periods, effects, seed=seed, sensor=sensor)
+
+
+def without_noise(experiment: Experiment) -> Experiment:
+    """The experiment with ideal converters and without noise."""
+    quiet = replace(experiment.rig.noise, displacement=0.0, force=0.0, current=0.0)
+    sensing = replace(experiment.rig.self_sensing, adc_bits=0)
+    rig = replace(experiment.rig, noise=quiet, adc_bits=0, dac_bits=0, self_sensing=sensing)
+    sensor = experiment.sensor
+    if isinstance(sensor, tuple):
+        sensor = tuple(replace(s, acquisition=replace(s.acquisition, bits=0, noise=0.0)) for s in sensor)
+    return replace(experiment, rig=rig, sensor=sensor)

@@ -6,7 +6,8 @@ import numpy as np
 
 from maglev_env.design.default_gains import default_gains
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gain_card import KD, KI, KP
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, gain_values, of_axis
 from maglev_env.rig.excitation import Excitation

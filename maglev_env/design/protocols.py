@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.multisine.sphs import odd_lines
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.rig.excitation import Excitation, lines_at

@@ -3,7 +3,7 @@
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import pole_radii
+from maglev_env.linear.poles import pole_radii
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.rig import axis_rig

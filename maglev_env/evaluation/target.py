@@ -6,7 +6,8 @@ from estimation.max_likelihood import maximum_likelihood
 from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.evaluation.score import ScoreTarget
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop_poles, expected_statistics
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.protocol import Protocol

@@ -7,7 +7,8 @@ import numpy as np
 import scipy
 
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop, discrete_plant
+from maglev_env.linear.plant import discrete_plant
+from maglev_env.linear.poles import closed_loop
 from maglev_env.loop.effect import effect_value, split_delay
 from maglev_env.loop.gains import of_axis, reads_current, state_space
 

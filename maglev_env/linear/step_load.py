@@ -3,7 +3,7 @@
 import numpy as np
 
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop
+from maglev_env.linear.poles import closed_loop
 
 
 def step_load(experiment: Experiment, duration: float, points: int = 300) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,9 @@ from estimation.stability_margins import loop_gain, margin_arrays
 from estimation.xy.planar import axis_statistics
 from maglev_env.evaluation.known_chain import force_statistics, rotor_motion
 from maglev_env.experiment import Experiment, axis_experiment
-from maglev_env.linear.loop import expected_statistics, loop_response, pole_radii
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import pole_radii
 from maglev_env.linear.step_load import step_load
 from maglev_env.loop.axes import AXES
 from maglev_env.rig.excitation import lines_at

@@ -8,7 +8,7 @@ from scipy.stats import spearmanr
 
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gains import Controllers, Gains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from sim2real.compared.distortion import COMMON, distorted
 from sim2real.compared.simulated import Point, experiment_near, lanes_of
 from sim2real.recorded.open_evidence import measured_series, simulated_series

@@ -10,7 +10,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.kernel.controllers import controller_kind
 from maglev_env.kernel.simulate import Block, prepared
 from maglev_env.kernel.steady import steady_spectra
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
 from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes

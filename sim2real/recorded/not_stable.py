@@ -3,7 +3,7 @@
 import numpy as np
 
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 
 GROWS = 1e-6  # per control sample: slower growth is that of an integrator or of rounding
 

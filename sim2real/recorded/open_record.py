@@ -18,7 +18,7 @@ import scipy.fft
 from estimation.lines.line_windows import KEPT, POOLED, WIDTH, LineWindows
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.driven import Drive
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.along_motion import AlongMotion

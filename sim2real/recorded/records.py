@@ -9,9 +9,8 @@ import numpy as np
 
 from estimation.lines.periods import period_spectra, split_periods, transient_periods
 from maglev_env.channels import MEASURED, SHOWN_BY
-from maglev_env.experiment import Experiment, sampling
+from maglev_env.experiment import Experiment, sampling, without_noise
 from maglev_env.kernel.driven import Drive
-from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign

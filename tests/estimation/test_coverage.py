@@ -13,9 +13,8 @@ from estimation.least_squares import least_squares
 from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import least_squares_bias, maximum_likelihood
 from maglev_env.evaluation.known_chain import force_statistics
-from maglev_env.experiment import protocol_experiment
+from maglev_env.experiment import protocol_experiment, without_noise
 from maglev_env.kernel.simulate import simulate_statistics
-from maglev_env.linear.loop import without_noise
 from maglev_env.rig.rig import load_rig
 
 CENTRES = (30.0, 70.0, 150.0, 240.0)

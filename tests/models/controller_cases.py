@@ -1,8 +1,7 @@
 """A ball under its coil, pushed: what tests of controllers and of unlike axes share."""
 
 from maglev_env.design.default_gains import default_gains
-from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import without_noise
+from maglev_env.experiment import Experiment, without_noise
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.excitation import Excitation

@@ -7,7 +7,7 @@ import numpy as np
 from estimation.lines.periods import LineStatistics
 from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.linear.loop import expected_statistics
+from maglev_env.linear.expected import expected_statistics
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import axis_rig, load_rig
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from planar_rigs import COUPLED, GAINS
 
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, without_noise
 from maglev_env.kernel.simulate import simulate_statistics
-from maglev_env.linear.loop import expected_statistics, without_noise
+from maglev_env.linear.expected import expected_statistics
 from maglev_env.rig.excitation import Excitation
 
 

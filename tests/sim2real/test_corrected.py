@@ -8,7 +8,8 @@ import pytest
 
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.rig import load_rig, rig_from_toml, with_parameters

@@ -14,7 +14,7 @@ import bench_loop
 from maglev_env.design.protocols import diagnosis_campaign
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import check_effects, effect
 from maglev_env.loop.gains import NO_CONTROLLER, Gains
 from maglev_env.recordings.campaign_writer import excitation_table, toml_value

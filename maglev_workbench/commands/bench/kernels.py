@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.linear.loop import closed_loop
+from maglev_env.linear.poles import closed_loop
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController, state_space

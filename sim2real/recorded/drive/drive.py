@@ -14,8 +14,7 @@ from math import pi
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from maglev_env.experiment import Experiment, sampling
-from maglev_env.linear.loop import without_noise
+from maglev_env.experiment import Experiment, sampling, without_noise
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.gains import NO_CONTROLLER, controller_output, limited, of_axis, reads_current
 from maglev_env.loop.magnets.kinds import force_law, geometric_law

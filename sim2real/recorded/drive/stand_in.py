@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.design.default_gains import default_gains, pole_placed
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gains import Controller, Gains
 from maglev_env.loop.linear_controller import LinearController
 from maglev_env.loop.magnets.kinds import force_law, geometric_law

@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from maglev_env.design.default_gains import default_gains
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.rig.excitation import Excitation

@@ -9,7 +9,8 @@ from maglev_env.design.defaults import REACH, with_defaults
 from maglev_env.evaluation.identification import identify
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.gains import GAIN_CARDS, NO_CONTROLLER, Gains, LinearController, of_axis
 from maglev_env.recordings.recording import simulated_recording

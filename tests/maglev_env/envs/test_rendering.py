@@ -20,8 +20,9 @@ from matplotlib.colors import to_hex
 from estimation.iso_14839 import iso_14839_3_zone
 from maglev_env.envs.pictures.episode import RED, ZONES, episode_figure
 from maglev_env.envs.pictures.window import draw_frame, hide, show
+from maglev_env.experiment import without_noise
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import loop_response, without_noise
+from maglev_env.linear.loop import loop_response
 from maglev_env.rig.rig import load_rig
 from maglev_env.rig.target import Target
 from maglev_env.task.task import infos, make_task

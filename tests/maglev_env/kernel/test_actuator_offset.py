@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, without_noise
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import without_noise
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from reference_effects import simulate_effects
 
-from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment, without_noise
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.experiment import protocol_experiment
+from maglev_env.experiment import protocol_experiment, without_noise
 from maglev_env.kernel.lanes import lane_batch, structure_of
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import loop_response, without_noise
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import effect
 from maglev_env.loop.free import element, places
 from maglev_env.loop.free.element import SHARES

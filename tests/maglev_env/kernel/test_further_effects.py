@@ -7,10 +7,11 @@ import pytest
 from reference_effects import simulate_effects
 from scipy import stats
 
-from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment, without_noise
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import closed_loop, loop_response, without_noise
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop
 from maglev_env.loop.effect import effect
 from maglev_env.loop.further.command_path import left_of
 from maglev_env.loop.gains import NO_CONTROLLER

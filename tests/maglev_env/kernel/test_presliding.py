@@ -7,10 +7,9 @@ import pytest
 from reference_effects import simulate_effects
 from scipy.integrate import solve_ivp
 
-from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment, without_noise
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER

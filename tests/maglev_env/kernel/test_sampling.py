@@ -8,10 +8,9 @@ import pytest
 from planar_rigs import COUPLED, EVERY_EFFECT, GAINS
 from reference_simulator import simulate as simulate_slowly
 
-from maglev_env.experiment import Experiment, sampling
+from maglev_env.experiment import Experiment, sampling, without_noise
 from maglev_env.kernel import simulate
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import without_noise
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.recordings.recording import simulated_recording

@@ -11,9 +11,9 @@ from estimation.lines.periods import line_statistics, period_spectra
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.channels import MEASURED
 from maglev_env.evaluation.known_chain import force_statistics
-from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment, without_noise
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import expected_statistics, without_noise
+from maglev_env.linear.expected import expected_statistics
 from maglev_env.loop.effect import effect, meaningful
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation, lines_at

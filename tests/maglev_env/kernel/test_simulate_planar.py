@@ -7,9 +7,8 @@ import pytest
 from planar_rigs import COUPLED, CROSS, EVERY_EFFECT, FREE, GAINS, OTHER_Y, UNLIKE, axes_of, oblique
 from reference_simulator import simulate
 
-from maglev_env.experiment import Experiment, axis_experiment, channels_of
+from maglev_env.experiment import Experiment, axis_experiment, channels_of, without_noise
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import without_noise
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains

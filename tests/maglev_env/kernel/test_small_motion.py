@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from effect_cases import ALL, COUPLED, EACH, FREE
 
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, without_noise
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_response, without_noise
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation

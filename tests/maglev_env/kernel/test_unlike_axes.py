@@ -9,9 +9,9 @@ from planar_loops import check_every_line, small
 from planar_rigs import COUPLED, FREE, UNLIKE, axes_of, oblique
 from reference_simulator import simulate
 
-from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.experiment import Experiment, axis_experiment, without_noise
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import expected_statistics, without_noise
+from maglev_env.linear.expected import expected_statistics
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import force_law

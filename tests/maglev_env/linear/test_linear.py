@@ -8,7 +8,9 @@ import pytest
 from control_loops import DT, control_loop
 
 from maglev_env.experiment import protocol_experiment
-from maglev_env.linear.loop import closed_loop_poles, discrete_plant, loop_response, pole_radii
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.plant import discrete_plant
+from maglev_env.linear.poles import closed_loop_poles, pole_radii
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import axis_rig, load_rig

@@ -10,7 +10,8 @@ from scipy.linalg import expm
 from scipy.signal import dlsim
 
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import closed_loop, closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop, closed_loop_poles
 from maglev_env.loop.eddy import BRANCHES, eddy_branches
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER, Gains

@@ -10,7 +10,9 @@ from scipy.signal import dlsim
 
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import closed_loop, closed_loop_poles, expected_statistics, loop_response
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop, closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.rig.excitation import Excitation

@@ -6,7 +6,8 @@ import pytest
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
-from maglev_env.linear.loop import closed_loop, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop
 from maglev_env.linear.step_load import step_load
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig

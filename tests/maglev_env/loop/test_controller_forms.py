@@ -14,9 +14,11 @@ from textbook_controllers import by_hand
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate
-from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.experiment import Experiment, protocol_experiment, without_noise
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import closed_loop, closed_loop_poles, expected_statistics, loop_response, without_noise
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop, closed_loop_poles
 from maglev_env.loop.controller_forms import Cascade, CurrentLoop, Pid, StateFeedback
 from maglev_env.loop.gains import Gains, as_table, digital, realised, with_gains
 from maglev_env.loop.linear_controller import LinearController

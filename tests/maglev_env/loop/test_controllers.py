@@ -11,7 +11,7 @@ from scipy.signal import butter, ss2tf
 
 from maglev_env.experiment import axis_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController, controller_response, state_space
 from maglev_env.loop.magnets.kinds import force_law

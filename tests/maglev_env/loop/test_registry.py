@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maglev_env.experiment import protocol_experiment
+from maglev_env.experiment import protocol_experiment, without_noise
 from maglev_env.kernel.lanes import lane_batch, structure_of
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import loop_response, without_noise
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS, effect, meaningful
 from maglev_env.loop.free.places import NAMES as FREE
 from maglev_env.rig.rig import load_rig

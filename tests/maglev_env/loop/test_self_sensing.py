@@ -16,10 +16,19 @@ from estimation.stability_margins import margin_arrays
 from maglev_env.channels import NOISY
 from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.evaluate import evaluate
-from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels, self_sensors
+from maglev_env.experiment import (
+    Experiment,
+    axis_experiment,
+    protocol_experiment,
+    recorded_channels,
+    self_sensors,
+    without_noise,
+)
 from maglev_env.kernel.advance import kernel
 from maglev_env.kernel.simulate import REGULAR, State, _blocks, simulate_records, simulate_statistics
-from maglev_env.linear.loop import closed_loop_poles, expected_statistics, loop_response, without_noise
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains

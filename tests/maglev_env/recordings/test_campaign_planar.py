@@ -17,7 +17,8 @@ from maglev_env.evaluation.identification import identify
 from maglev_env.evaluation.identification_planar import identify_planar
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import expected_statistics, loop_response
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import NO_CONTROLLER, Gains, controller_response
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign

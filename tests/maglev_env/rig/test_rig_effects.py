@@ -12,7 +12,8 @@ import pytest
 import maglev_env  # noqa: F401  (registers the environments)
 from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, effect
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml, with_parameters

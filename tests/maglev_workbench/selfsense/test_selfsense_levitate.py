@@ -10,7 +10,7 @@ import pytest
 from command_line import maglev
 
 from maglev_env.experiment import protocol_experiment
-from maglev_env.linear.loop import closed_loop_poles
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gains import with_gains
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.rig import load_rig

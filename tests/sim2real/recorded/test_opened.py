@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from campaigns import planned, repeated, write
 
-from maglev_env.experiment import axis_experiment
-from maglev_env.linear.loop import expected_statistics, loop_response, without_noise
+from maglev_env.experiment import axis_experiment, without_noise
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.rig.rig import load_rig
 from sim2real.compared.problem import assemble

@@ -7,9 +7,8 @@ import pytest
 from campaigns import campaign, planned, write
 
 from estimation.multisine.sphs import odd_lines
-from maglev_env.experiment import Experiment
+from maglev_env.experiment import Experiment, without_noise
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import without_noise
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation

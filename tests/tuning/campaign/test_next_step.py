@@ -10,7 +10,8 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
-from maglev_env.linear.loop import expected_statistics, loop_response
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import controller_response, with_gains
 from maglev_env.recordings.campaign import load_campaign

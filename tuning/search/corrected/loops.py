@@ -8,7 +8,8 @@ import scipy
 from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.experiment import Experiment, axis_experiment
-from maglev_env.linear.loop import loop_response, pole_radii
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import pole_radii
 from maglev_env.loop.gains import controller_response, of_axis, reads_current
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.goal import Goal

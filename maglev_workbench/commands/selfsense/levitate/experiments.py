@@ -10,9 +10,10 @@ from estimation.stability_margins import margin_arrays
 from estimation.xy.planar import axis_statistics
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.evaluation import Evaluation
-from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels
+from maglev_env.experiment import Experiment, axis_experiment, protocol_experiment, recorded_channels, without_noise
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.linear.loop import closed_loop_poles, loop_response, without_noise
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import of_axis
 from maglev_env.rig.excitation import lines_at

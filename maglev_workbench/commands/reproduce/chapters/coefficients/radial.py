@@ -9,7 +9,8 @@ from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.xy.planar import axis_statistics
 from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import expected_statistics, loop_response
+from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, axis_rig, load_rig

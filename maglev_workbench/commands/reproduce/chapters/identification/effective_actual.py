@@ -8,8 +8,7 @@ import numpy as np
 from estimation.bands import sliding_bands
 from estimation.effective import pid_effective_coefficients
 from estimation.max_likelihood import maximum_likelihood
-from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import without_noise
+from maglev_env.experiment import Experiment, without_noise
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import load_rig

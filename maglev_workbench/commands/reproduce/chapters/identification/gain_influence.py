@@ -7,8 +7,8 @@ import numpy as np
 
 from estimation.bands import sliding_bands
 from estimation.effective import pid_effective_coefficients
-from maglev_env.experiment import Experiment
-from maglev_env.linear.loop import loop_response, without_noise
+from maglev_env.experiment import Experiment, without_noise
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise

@@ -8,7 +8,8 @@ import scipy
 from estimation.stability_margins import margin_arrays
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
-from maglev_env.linear.loop import closed_loop_poles, loop_response
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.rig.rig import load_rig
 from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_sensor import (
     LAG_AT,

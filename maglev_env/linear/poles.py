@@ -1,0 +1,112 @@
+"""The linearised sampled loop in state space, and its poles."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from maglev_env.experiment import Experiment, self_sensors
+from maglev_env.linear.plant import discrete_plant
+from maglev_env.loop.effect import effect_value, split_delay
+from maglev_env.loop.gains import of_axis, realised
+from selfsense.baseband import growth_rate
+
+
+def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None) -> np.ndarray:
+    """Poles (z-plane) of the linearised sampled loop, which is stable if all are inside the unit circle.
+
+    With self-sensing the baseband model of the sensor is used; the growth of an estimator that is unstable by itself is
+    added as a pole.
+
+    Args:
+        experiment: with rig, effects, sensor and gains.
+        plant: its `discrete_plant`, if it has been computed already.
+
+    Returns:
+        Complex, (poles,).
+    """
+    poles = np.linalg.eigvals(closed_loop(experiment, plant)[0])
+    return np.concatenate([poles, _growing(experiment)])
+
+
+def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
+    """The largest magnitude (n,) of each experiment's `closed_loop_poles`."""
+    # Together with all others that have the same plant, and controllers of the same order.
+    alike: dict[tuple, list[int]] = {}
+    realisations = [_realised(e) for e in experiments]
+    for i, (e, own) in enumerate(zip(experiments, realisations, strict=True)):
+        effects = tuple((name, *values.items()) for name, values in e.effects.items())
+        alike.setdefault((id(e.rig), id(e.sensor), effects, *(len(part[2]) for part in own)), []).append(i)
+    found = np.empty(len(experiments))
+    for members in alike.values():
+        first = experiments[members[0]]
+        stacked = [
+            tuple(map(np.array, zip(*parts, strict=True)))
+            for parts in zip(*(realisations[i] for i in members), strict=True)
+        ]
+        loops = _closed(first, discrete_plant(first), stacked)[0]
+        found[members] = np.abs(np.linalg.eigvals(loops)).max(axis=1)
+        if growth := _growing(first):
+            found[members] = np.maximum(found[members], max(growth))
+    return found
+
+
+def _realised(e: Experiment) -> list[tuple[np.ndarray, ...]]:
+    """The controller of each axis, see `realised`."""
+    return [realised(of_axis(e.gains, axis), 1 / e.rig.control_rate) for axis in range(e.rig.axes)]
+
+
+def _growing(e: Experiment) -> list[float]:
+    """Poles by the growth of self-sensing estimators that are unstable by themselves."""
+    growth = (growth_rate(sensor) for sensor in self_sensors(e))
+    return [float(np.exp(rate / e.rig.control_rate)) for rate in growth if rate >= 0]
+
+
+def closed_loop(
+    experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The linearised sampled loop from the held force of each axis (N) to its displacement reading (m).
+
+    Args:
+        experiment: with rig, effects, sensor and gains.
+        plant: its `discrete_plant`, if it has been computed already.
+
+    Returns:
+        State-space matrices A (s, s), B (s, axes) and C (axes, s).
+    """
+    controllers = [tuple(part[None] for part in own) for own in _realised(experiment)]
+    loops, from_force, to_reading = _closed(experiment, plant or discrete_plant(experiment), controllers)
+    return loops[0], from_force, to_reading
+
+
+def _closed(
+    experiment: Experiment, plant: tuple[np.ndarray, ...], controllers: Sequence[tuple[np.ndarray, ...]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `closed_loop`, with A (n, s, s) of n controllers: of every axis, the stacked matrices of `realised`."""
+    a, b_force, b_old, b_new, c, current = plant
+    delay, _ = split_delay(experiment.effects, 1 / experiment.rig.control_rate)
+    lost = effect_value(experiment.effects, "dropped_samples")
+    n, axes, count = len(a), len(c), len(controllers[0][0])
+    # States: plant, controllers, then the last delay + 1 commands of every axis, newest first.
+    held = n + sum(k[2].shape[1] for k in controllers)
+    size = held + (delay + 1) * axes
+    m = np.zeros((count, size, size))
+    m[:, :n, :n] = a
+    command = np.zeros((count, axes, size))
+    first = n
+    for axis, (ka, kb, kc, kd) in enumerate(controllers):
+        own = slice(first, first + kc.shape[1])
+        read = -np.stack([c[axis], current[axis]])
+        m[:, own, own], m[:, own, :n] = ka, kb[..., 1:] @ read
+        command[:, axis, own], command[:, axis, :n] = kc, kd[:, 1:] @ read
+        first = own.stop
+    stored = np.eye(size)[held:]
+    if lost:  # the expected command: in its place the one before it may act again
+        command = (1 - lost) * command + lost * stored[:axes]
+    # Commands now, one sample ago, ...
+    commands = np.concatenate([command, np.broadcast_to(stored, (count, *stored.shape))], axis=1)
+    m[:, :n] += b_new @ commands[:, delay * axes : (delay + 1) * axes]
+    m[:, :n] += b_old @ commands[:, (delay + 1) * axes :][:, :axes]
+    m[:, held:] = commands[:, : (delay + 1) * axes]
+    from_force, to_reading = np.zeros((size, axes)), np.zeros((axes, size))
+    from_force[:n], to_reading[:, :n] = b_force, c
+    return m, from_force, to_reading
