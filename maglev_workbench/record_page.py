@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from estimation.lines.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
 from maglev_env.loop.gains import GAIN_CARDS
-from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.rig.excitation import Excitation
 from maglev_workbench.page import COLOURS, labelled_axis, number, page, styled
 

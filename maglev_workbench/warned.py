@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from rich.text import Text
 
-from maglev_env.recordings.alarms import Code
+from maglev_env.recordings.alarms.alarm import Code
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rules import as_data, examine, refusals

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from maglev_env.recordings.alarms import Alarm
+from maglev_env.recordings.alarms.alarm import Alarm
 from maglev_env.recordings.masking import MOST_MASKED, bridged
 
 

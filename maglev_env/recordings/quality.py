@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.lines.frequency_response import coherence
 from estimation.multisine.sphs import crest_factor
-from maglev_env.recordings.alarms import Alarm
+from maglev_env.recordings.alarms.alarm import Alarm
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra, record_spectra
 from maglev_env.rig.rig import Rig
 

@@ -14,7 +14,10 @@ from maglev_env.experiment import Experiment, channels_of, recorded_channels, sa
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.gains import as_table
 from maglev_env.loop.magnets.kinds import geometric_law
-from maglev_env.recordings.alarms import alarms_text, clock_alarms, find_alarms, touched_rail
+from maglev_env.recordings.alarms.alarm import alarms_text
+from maglev_env.recordings.alarms.clock import clock_alarms
+from maglev_env.recordings.alarms.rail import touched_rail
+from maglev_env.recordings.alarms.rules import find_alarms
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.derived import displacements
 from maglev_env.recordings.excited import check_excited

@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.experiment import sampling
 from maglev_env.loop.axes import AXES
-from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_periods, masked_samples

@@ -9,7 +9,7 @@ import numpy as np
 
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import of_axis
-from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from maglev_env.recordings.alarms import Alarm, alarms_of
+from maglev_env.recordings.alarms.alarm import Alarm, alarms_of
 from maglev_env.recordings.campaign import Campaign, parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.evidence import OPEN, STATED

@@ -28,7 +28,7 @@ def check(
     from importlib.metadata import version
 
     from maglev_env.loop.axes import AXES
-    from maglev_env.recordings.alarms import alarms_of
+    from maglev_env.recordings.alarms.alarm import alarms_of
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.verified import guessed_campaign
     from maglev_env.recordings.quality import recording_quality

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from maglev_env.evaluation.identification import Identification
-from maglev_env.recordings.alarms import Alarm
+from maglev_env.recordings.alarms.alarm import Alarm
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 
 Verdict = Literal["yes", "with care", "no"]

@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from maglev_env.recordings.alarms import (
-    alarms_of,
-    alarms_text,
-    clock_alarms,
-    find_alarms,
-    lost_levitation,
-    touched_rail,
-)
+from maglev_env.recordings.alarms.alarm import alarms_of, alarms_text
+from maglev_env.recordings.alarms.clock import clock_alarms
+from maglev_env.recordings.alarms.lost_levitation import lost_levitation
+from maglev_env.recordings.alarms.rail import touched_rail
+from maglev_env.recordings.alarms.rules import find_alarms
 from maglev_env.recordings.formats.time_stamps import check_clock
 from maglev_env.recordings.masking import clipped_samples
 from maglev_env.rig.rig import load_rig

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.columns.stated_columns import with_stated

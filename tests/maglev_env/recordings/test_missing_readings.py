@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from maglev_env.recordings.alarms import alarms_of
+from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.files import write_npz
 from maglev_env.recordings.formats.time_stamps import check_clock

@@ -8,7 +8,7 @@ from bench_loop import Bench, excitation, write_campaign
 from campaigns import campaign
 from command_line import maglev
 
-from maglev_env.recordings.alarms import Alarm
+from maglev_env.recordings.alarms.alarm import Alarm
 from maglev_env.recordings.campaign import load_campaign
 from maglev_workbench.commands.check.report import grouped, said_once
 from maglev_workbench.commands.check.uses import COMMANDS, INSTEAD, Use, check_answer, uses

@@ -1,0 +1,48 @@
+"""Readings at the end of their range."""
+
+import numpy as np
+
+from maglev_env.recordings.alarms.alarm import Alarm, in_small_units
+from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
+from maglev_env.rig.rig import Rig
+
+
+def touched_rail(
+    name: str, column: str, raw: np.ndarray, values: np.ndarray, rate: float, start: int = 0, rig: Rig | None = None
+) -> tuple[Alarm | None, np.ndarray]:
+    """A reading stays at its extreme value, or reaches the end of the rig's converter.
+
+    Args:
+        name: Channel.
+        column: One of its columns in the file.
+        raw: That column, (samples,).
+        values: The channel in SI, (samples,).
+        rate: Hz.
+        start: Sample of the file at which both begin.
+        rig: The nominal rig of one axis, for its converter.
+
+    Returns:
+        The alarm, and the samples at the rail, (samples,) bool.
+    """
+    at = clipped_samples(raw)
+    if name.startswith("force"):  # between the blows of a hammer it rests at its least value
+        at &= raw != np.median(raw)
+    what = "stays at its extreme value"
+    if rig is not None and name.startswith("displacement") and rig.adc_bits:
+        reach = rig.voltage_range / rig.probe_gain * (1 - 2.0 ** (1 - rig.adc_bits))
+        if (beyond := np.abs(values) >= reach).any():
+            at, what = at | beyond, f"reaches the converter's range of +-{in_small_units(reach, 'm')}"
+    if not at.any():
+        return None, at
+    first, few = int(np.argmax(at)), at.mean() <= MOST_MASKED
+    text = (
+        f"channel {name!r} (column {column!r}) is clipped at {raw[first]:g} from {first / rate:.4g} s (sample "
+        f"{start + first}) on: it {what} in {at.mean():.2%} of the samples"
+    )
+    kept = (
+        "it is used as it stands, as a limit of the controller acts"
+        if name.startswith("command")
+        else "they are masked"
+    )
+    text += f"; {kept}" if few else "; nothing can be identified from it: record with less amplitude or gain"
+    return Alarm("rail", name, first / rate, text, "warning" if few else "refuse"), at
