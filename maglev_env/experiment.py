@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import inf
 
 import numpy as np
@@ -125,6 +126,11 @@ class Experiment:
                     "ripples near its resting current"
                 )
 
+    @cached_property
+    def by_axis(self) -> tuple["Experiment", ...]:
+        """See `axis_experiment`."""
+        return (self,) if self.rig.axes == 1 else (_one_axis(self, 0), _one_axis(self, 1))
+
     @property
     def fundamental(self) -> float:
         return self._periodic.fundamental
@@ -227,8 +233,10 @@ def axis_experiment(e: Experiment, axis: int) -> Experiment:
         e: the experiment; returned unchanged if it has one axis.
         axis: 0 (x) or 1 (y).
     """
-    if e.rig.axes == 1:
-        return e
+    return e if e.rig.axes == 1 else e.by_axis[axis]
+
+
+def _one_axis(e: Experiment, axis: int) -> Experiment:
     own, gains = axis_excitations(e.excitations, axis), of_axis(e.gains, axis)
     offset = e.offset if axis == 0 else 0.0
     sensor = e.sensor[axis : axis + 1] if isinstance(e.sensor, tuple) else e.sensor

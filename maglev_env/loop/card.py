@@ -87,6 +87,12 @@ class Parameter:
     beyond_rest: bool = False
     needs: tuple[Need, ...] = ()
 
+    def range_on(self, scales: Scales) -> tuple[float, float]:
+        """The bounds in SI on a rig of these scales."""
+        unit = scales.of(self.per)
+        # A unit may be infinite.
+        return self.low * unit if self.low else 0.0, self.high * unit if self.high else 0.0
+
     def on(self, scales: Scales) -> "Parameter":
         """The parameter with bounds, scale and starts in SI on a rig of these scales."""
         if not self.per:
@@ -95,7 +101,7 @@ class Parameter:
         scale = None if self.scale is None else self.scale * unit
         starts = tuple(start * unit for start in self.starts)
         shape = None if self.shape is None else self.shape * unit
-        low, high = (edge * unit if edge else 0.0 for edge in (self.low, self.high))  # a unit may be infinite
+        low, high = self.range_on(scales)
         return replace(self, low=low, high=high, scale=scale, starts=starts, shape=shape, per="")
 
     @property

@@ -91,10 +91,10 @@ def effect(name: str, value: float | None = None, **values: float) -> dict[str, 
 
 
 def _check_bounds(name: str, key: str, v: float, scales: Scales, rig: str = "") -> None:
-    of = EFFECTS[name].parameters[key]
-    p = of.on(scales)
-    if isnan(v) or (v != p.absent and not p.low <= v <= p.high):
-        where = f"{p.low:.6g} .. {p.high:.6g} {p.unit}".strip() + (rig if of.per else "")
+    p = EFFECTS[name].parameters[key]
+    low, high = p.range_on(scales)
+    if isnan(v) or (v != p.absent and not low <= v <= high):
+        where = f"{low:.6g} .. {high:.6g} {p.unit}".strip() + (rig if p.per else "")
         raise ValueError(f"effect {name}.{key} = {v} is outside {where}")
 
 
@@ -167,12 +167,15 @@ def check_effects(effects: Effects, rig: Levitated, finer: float = 1.0) -> None:
     Raises:
         ValueError: An effect is not; the message names it.
     """
+    if not effects:
+        return
+    scales = rig.scales.wider(finer)
     for name, values in effects.items():
         if not isinstance(values, Mapping):
             raise ValueError(f'effect {name} = {values!r:.50}: give its parameters by name, as effect("{name}", value)')
         for key, v in effect(name, **values)[name].items():
             _check_parameter(name, key, v, rig)
-            _check_bounds(name, key, v, rig.scales.wider(finer), f" on rig {rig.name}")
+            _check_bounds(name, key, v, scales, f" on rig {rig.name}")
         for need in EFFECTS[name].needs:
             if need not in rig.capabilities:
                 raise ValueError(f"effect {name} has no meaning on rig {rig.name}: it needs {NEEDS[need]}")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from importlib import resources
 from importlib.resources.abc import Traversable
 from math import inf, pi, sqrt
@@ -195,7 +196,7 @@ class Rig:
             raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
         for axis, name in enumerate(AXES if self.per_axis else ()):
             try:  # an axis' own parameters are checked like the common ones
-                axis_rig(self, axis)
+                _one_axis(self, axis)
             except ValueError as error:
                 raise ValueError(f"[axis.{name}]: {error}") from None
         check_magnet(self)
@@ -233,7 +234,12 @@ class Rig:
         """Whether the rig has an actuator for a controller to use."""
         return self.magnet != NO_MAGNET
 
-    @property
+    @cached_property
+    def by_axis(self) -> tuple["Rig", ...]:
+        """See `axis_rig`."""
+        return (self,) if self.axes == 1 else (_one_axis(self, 0), _one_axis(self, 1))
+
+    @cached_property
     def scales(self) -> Scales:
         """What the bounds of effects are in proportion to."""
         kind = KINDS.get(self.magnet)
@@ -241,7 +247,7 @@ class Rig:
         lacks = frozenset(NEEDS) - self.capabilities
         return Scales(1 / self.control_rate, self.mass, self.bias_current or inf, rest, lacks)
 
-    @property
+    @cached_property
     def capabilities(self) -> frozenset[Need]:
         """The needs of effects that this rig fulfils, see `loop.effect.NEEDS`."""
         stated: dict[Need, bool] = {
@@ -291,14 +297,17 @@ def axis_rig(rig: Rig, axis: int) -> Rig:
 
     Its protocol has the components of the excitations along this axis.
     """
-    if rig.axes == 1:
-        return rig
+    return rig if rig.axes == 1 else rig.by_axis[axis]
+
+
+def _one_axis(rig: Rig, axis: int) -> Rig:
     gains, protocol = rig.gains and of_axis(rig.gains, axis), rig.protocol
     if protocol:
         protocol = replace(protocol, excitations=axis_excitations(protocol.excitations, axis))
     effects = {name: values for name, values in rig.effects.items() if "two_axes" not in EFFECTS[name].needs}
     own = replace(rig, axes=1, per_axis={}, cross=NO_CROSS, gains=gains, protocol=protocol, effects=effects)
-    return with_parameters(own, rig.per_axis.get(AXES[axis], {}))
+    parameters = rig.per_axis.get(AXES[axis], {})
+    return with_parameters(own, parameters) if parameters else own
 
 
 def load_rig(source: str | Path) -> Rig:
