@@ -31,6 +31,7 @@ from sim2real.judgement.evidence import Evidence, evidence_of
 from sim2real.judgement.judge import Entry, allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 from sim2real.judgement.mechanisms import by_mechanism, renamed
+from sim2real.judgement.on_holdout import shown_by_both
 from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
@@ -251,6 +252,15 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
         verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
         if not kept and verdict(found)[0] == "no_gap":  # what is left speaks for calibration
             verdicted, cause, named = "no_gap", (), []
+    elif verdicted == "no_gap" and judged_on == "holdout" and (shown := shown_by_both(judged, attribution, named)):
+        found = without(found, [e for e in found if e not in shown])
+        named = with_effects(found)
+        kept = alternatives(named)
+        verdicted, cause = worded(kept)
+        notes.append(
+            "calibration alone explains the recordings that were fitted, but then leaves of the holdout what "
+            f"{' or '.join(' with '.join(e.effects) for e in kept)} explains together with them"
+        )
     return _Named(verdicted, cause, found, named, kept, notes)
 
 

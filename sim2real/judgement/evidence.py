@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from maglev_env.loop.effect import effect_value
+from maglev_env.rig.rig import Rig
 from sim2real.compared.problem import KINDS
 from sim2real.compared.reached import motion_reached
 from sim2real.compared.simulated import Point
@@ -21,6 +22,7 @@ from sim2real.search.hypotheses import REPLACED
 
 NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such
 IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
+SAME = 0.1  # share of an added lag by which a block must be later than stated
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def _costs(attribution: Attribution) -> np.ndarray:
     for i, c in enumerate(candidates):
         if not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
-            beside = scatter_cost(p, at) + idle_cost(at, c.effects) + stiffness_cost(at, rig)
+            beside = scatter_cost(p, at) + idle_cost(at, c.effects, rig) + stiffness_cost(at, rig)
             cost[i] = c.predictive + beside + meaningless_cost(c.fit, rig, motion)
     for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
         if cost[i] > cost.min() + NEAR_BEST:
@@ -129,11 +131,29 @@ def _costs(attribution: Attribution) -> np.ndarray:
     return cost
 
 
-def idle_cost(point: Point, names: Sequence[str]) -> float:
-    """Cost of those of the named effects that change nothing at a point.
+def idle_cost(point: Point, names: Sequence[str], rig: Rig) -> float:
+    """Cost of those of the named effects that change nothing at a point of a rig.
 
     What then explains is a stated constant that moved beside them, and any other error of the time between two channels
-    may do the same. A block whose time constant grew does lag, in one pole instead of two.
+    may do the same.
     """
-    still = (name for name in names if effect_value(point.effects, name) == effect_value({}, name))
-    return IDLE * sum(point.changes.get(REPLACED.get(name, ""), 0.0) <= 0 for name in still)
+    return IDLE * sum(
+        _later(point, name, names, rig) <= 0 if name in REPLACED else _absent(point, name) for name in names
+    )
+
+
+def _absent(point: Point, name: str) -> bool:
+    return effect_value(point.effects, name) == effect_value({}, name)
+
+
+def _later(point: Point, name: str, names: Sequence[str], rig: Rig) -> float:
+    """By how much (s) a block with a named lag is later than stated, beyond SAME of what the effect adds.
+
+    A block whose stated time constant grew does lag, in one pole instead of two. One whose time constant fell by what
+    the effect adds does not: both are one lag in another form.
+    """
+    values = point.effects.get(name, {})
+    added = values.get("time_constant", 0.0) * (1 - values.get("feedback", 0.0))
+    if name == "amplifier_lag" and "delay" not in names:  # a part of it is simulated as one
+        added += effect_value(point.effects, "delay")
+    return (1 - SAME) * added + getattr(rig, REPLACED[name]) * point.changes.get(REPLACED[name], 0.0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.rig.rig import load_rig
 from sim2real.compared.simulated import Point
 from sim2real.judgement import judge as judge_module
 from sim2real.judgement.belief import Judge
@@ -269,8 +270,11 @@ def test_samples_that_are_dropped_are_loud_and_a_delay_is_not():
     assert judged(replace(quiet, tones={"loud": 500.0})) == ("explained", ("dropped_samples",))
 
 
+LAGGING = replace(load_rig("hmb_free"), amplifier_time_constant=1e-4, sensor_time_constant=5e-5)
+
+
 def idle(effects, changes=MappingProxyType({})):
-    return idle_cost(Point(effects, changes), tuple(effects))
+    return idle_cost(Point(effects, changes), tuple(effects), LAGGING)
 
 
 def test_an_effect_that_changes_nothing_costs_what_a_clear_gap_is_worth():
@@ -287,7 +291,17 @@ def test_a_block_whose_stated_time_constant_grew_lags():
     assert idle(lag, {"sensor_time_constant": 0.56}) == IDLE
     # Part of a lag may be simulated as a delay, which is no effect of its own.
     form = Point(lag | {"delay": {"time": 0.0}}, {"amplifier_time_constant": 0.56})
-    assert idle_cost(form, ("amplifier_lag",)) == 0.0
+    assert idle_cost(form, ("amplifier_lag",), LAGGING) == 0.0
+
+
+def test_a_lag_that_is_taken_off_the_stated_time_constant_makes_nothing_later():
+    lag = {"amplifier_lag": {"time_constant": 2e-5}}
+    assert idle(lag, {"amplifier_time_constant": -0.2}) == IDLE
+    assert idle(lag, {"amplifier_time_constant": -0.1}) == 0.0
+    dead = Point(lag | {"delay": {"time": 2e-5}}, {"amplifier_time_constant": -0.2})
+    assert idle_cost(dead, ("amplifier_lag",), LAGGING) == 0.0
+    assert idle_cost(dead, ("amplifier_lag", "delay"), LAGGING) == IDLE
+    assert idle({"sensor_lag": {"time_constant": 2e-5}}, {"sensor_time_constant": -0.4}) == IDLE
 
 
 def test_what_a_rig_states_weighs_its_full_weight_beside_a_large_gap():

@@ -1,0 +1,65 @@
+"""What fitted hypotheses leave of recordings that no fit has used, beyond what their own uncertainty explains."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim2real.compared.problem import Problem
+from sim2real.gap.shrink import gap_of
+from sim2real.judgement.borne_out import CLEAR_GAP
+from sim2real.judgement.judge import Entry
+from sim2real.search.candidates import ABOUT, Attribution, Candidate
+from sim2real.search.fitting import Fit, begin, differentiate, inverse, real_product
+
+
+def shown_by_both(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
+    """Single effects that fitted recordings and holdout show together, where the fitted ones do not ask for any.
+
+    Two recordings may tell different combinations of parameters: a drive of the current alone does not tell mass from
+    gain, which a force does. Calibration then explains the fitted recordings by a gain that the holdout contradicts.
+
+    Args:
+        judged: The holdout.
+        attribution: The fitted candidates.
+        named: Hypotheses with effects.
+
+    Returns:
+        Those that both are explained with; none where calibration leaves no clear gap of the holdout, or explains
+        both together about as well.
+    """
+    plain = attribution.calibration.fit
+    left = judged.data - judged.simulate([plain.hypothesis.point(plain.u)])[0]
+    gap = gap_of(left)
+    if gap is None or gap <= CLEAR_GAP:
+        return []
+    tried = [(e, attribution.candidates[e.candidate]) for e in named if e.candidate is not None and len(e.effects) == 1]
+    tried = [(e, c) for e, c in tried if c.effects and c.predictive < attribution.calibration.predictive + ABOUT]
+    cost = np.array([_of_both(judged, c) for _, c in tried])
+    if not tried or not cost.min() < _of_both(judged, attribution.calibration) - ABOUT:
+        return []
+    return [e for (e, _), own in zip(tried, cost, strict=True) if own < cost.min() + ABOUT]
+
+
+def _of_both(judged: Problem, candidate: Candidate) -> float:
+    return candidate.predictive + left_on(judged, candidate.fit)
+
+
+def left_on(judged: Problem, fit: Fit) -> float:
+    """Least cost of recordings where the parameters of a fit may move as far as the fitted recordings leave open.
+
+    To first order; what the fitted recordings lose by it counts.
+
+    Args:
+        judged: The recordings.
+        fit: A fit of other recordings.
+
+    Returns:
+        Cost, about 2 for each complex value where noise alone is left; inf where the rotor touches down.
+    """
+    (there,) = begin([fit.hypothesis], [fit.u], judged.data, judged.simulate)
+    if fit.jacobian is None or not np.isfinite(there.residual).all():
+        return np.inf
+    differentiate([there], judged.data, judged.simulate, calibrations=True)
+    pulled = real_product(there.jacobian, there.residual)
+    both = real_product(there.jacobian, there.jacobian) + fit.normal
+    return float(np.vdot(there.residual, there.residual).real - pulled @ inverse(both) @ pulled)

@@ -1,0 +1,70 @@
+"""A holdout that tells what the fitted recordings leave open, on linear problems that are solved in closed form."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim2real.judgement.judge import Entry
+from sim2real.judgement.on_holdout import left_on, shown_by_both
+from sim2real.search.candidates import Attribution, Candidate
+from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
+
+RNG = np.random.default_rng(8)
+TOLERANCES = {"mass": 0.005, "actuator_gain": 0.02}
+HEAVIER = 0.07  # 14 of the tolerances of the mass, 3.5 of those of the gain
+
+
+def noise(n):
+    return RNG.standard_normal(n) + 1j * RNG.standard_normal(n)
+
+
+def problem(rows, mass):
+    """A recording whose values are rows (n, 2) @ (relative mass, relative gain), with noise."""
+
+    def simulate(points):
+        every = [
+            (p.effects.get("mass", {}).get("change", 0.0) + p.changes.get("mass", 0.0), p.changes["actuator_gain"])
+            for p in points
+        ]
+        return np.array(every) @ rows.T + 0j
+
+    return SimpleNamespace(data=rows @ (mass, 0.0) + noise(len(rows)), simulate=simulate)
+
+
+def fitted(recording, effects=()):
+    h = Hypothesis(effects, TOLERANCES)
+    (fit,) = begin([h], [np.zeros(h.size)], recording.data, recording.simulate)
+    iterate([fit], recording.data, recording.simulate, 20)
+    differentiate([fit], recording.data, recording.simulate, True)
+    return fit
+
+
+# A drive of the current tells gain over mass alone; a force tells the mass.
+BY_CURRENT = 3e3 * np.outer(np.linspace(0.5, 1.0, 200), (-1.0, 1.0))
+BY_FORCE = 1e3 * np.outer(np.linspace(0.5, 1.0, 200), (-1.0, 0.0))
+
+
+def test_what_is_left_is_the_least_cost_of_both_less_that_of_the_fitted():
+    one, other = problem(BY_CURRENT, HEAVIER), problem(BY_FORCE, HEAVIER)
+    fit = fitted(one)
+    sigma = np.array([TOLERANCES[name] for name in fit.hypothesis.calibrated])
+    order = [("mass", "actuator_gain").index(name) for name in fit.hypothesis.calibrated]
+    rows = np.concatenate([BY_CURRENT, BY_FORCE])[:, order] * sigma
+    every = np.concatenate([np.concatenate([one.data, other.data]).real, np.zeros(2)])
+    u, *_ = np.linalg.lstsq(np.concatenate([rows, np.eye(2)]), every, rcond=None)
+    left = every - np.concatenate([rows, np.eye(2)]) @ u
+    both = left @ left + np.sum(one.data.imag**2) + np.sum(other.data.imag**2)
+    assert left_on(other, fit) == pytest.approx(both - fit.cost, rel=1e-6)
+
+
+@pytest.mark.parametrize("mass", [0.0, HEAVIER])
+def test_a_mass_that_passed_for_a_gain_is_named_where_a_force_shows_it(mass):
+    recording = problem(BY_CURRENT, mass)
+    candidates = tuple(Candidate(fitted(recording, effects)) for effects in ((), ("mass",)))
+    attribution = Attribution(0.0, candidates, 400.0, recording)
+    named = [Entry(("mass",), 0.1, 0.0, 1, None)]
+    shown = shown_by_both(problem(BY_FORCE, mass), attribution, named)
+    assert [e.effects for e in shown] == ([("mass",)] if mass else [])
+    assert shown_by_both(problem(BY_CURRENT, mass), attribution, named) == []  # which shows no more than before
