@@ -115,7 +115,7 @@ def guess_recording(
         bridged = None if found.bridged is None else found.bridged[used]
         found = replace(found, columns={n: values[used] for n, values in found.columns.items()}, bridged=bridged)
     columns = guess_columns(found) if columns is None else columns
-    by_channel = {c.channel: found.columns[c.column] * c.scale + c.offset for c in columns if c.channel}
+    by_channel = {c.channel: c.values(found.columns) for c in columns if c.channel}
     time = next((c for c in columns if c.channel == "time"), None)
     guessed = guess_rate(found.columns[time.column] if time else None, time.scale if time else 1.0, found.numbers,
                          time.label if time else "time")  # fmt: skip

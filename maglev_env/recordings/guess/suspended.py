@@ -99,7 +99,7 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
         return guess
     read, moved = contents(read_columns(folder / guess.file)).columns, guess.channels["displacement"]
     used = slice(guess.part[0], guess.part[0] + guess.part[1]) if guess.part else slice(None)
-    near = abs(float(read[moved.column][used].mean()) * moved.scale + rig.gap) < rig.clearance
+    near = abs(float(replace(moved, offset=0.0).values(read)[used].mean()) + rig.gap) < rig.clearance
 
     def told(column: ColumnGuess) -> ColumnGuess:
         if TOTAL in column.ask:

@@ -518,3 +518,30 @@ def test_readings_that_the_file_lacks_hide_no_controller(tmp_path, fault):
     np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t [s],pos [mm],ref [mm],i_cmd [A]", comments="")
     found = guess_recording(tmp_path / "run.csv")
     assert found.form is not None and found.form["kp"] == pytest.approx(150.0, rel=0.01)
+
+
+@pytest.mark.parametrize("first", ["i_top", "i_bot"])
+def test_currents_of_opposed_coils_are_half_their_difference(first):
+    control = 0.2 * np.sin(2 * np.pi * 7 * T) + 0.01 * RNG.standard_normal(N)
+    up, down = 1.5 + control, 1.5 - control
+    coils = {"i_top": up, "i_bot": down} if first == "i_top" else {"i_top": down, "i_bot": up}
+    found = columns(t=T, x_um=20 * SLOW, i_cmd=control, **coils).values()
+    by_channel = {c.channel: c for c in found if c.channel}
+    other = "i_bot" if first == "i_top" else "i_top"
+    assert by_channel["current"].source == {"from": [first, other], "weights": [0.5, -0.5]}
+    assert by_channel["current"].values(coils) == pytest.approx(control, abs=1e-12)
+    assert "half the sum, 1.5, the bias" in by_channel["current"].reason
+    assert not [c for c in found if c.column == other and (c.channel or c.ask)]
+
+
+def test_two_currents_that_do_not_move_against_each_other_are_no_pair():
+    sine = 0.2 * np.sin(2 * np.pi * 7 * T)
+    for other in (1.5 + sine, -sine, 1.5 - 0.2 * np.cos(2 * np.pi * 7 * T)):
+        assert not any(c.less for c in columns(t=T, x_um=20 * SLOW, i_a=1.5 + sine, i_b=other).values())
+
+
+def test_which_of_two_opposed_coils_is_the_upper_one_is_asked_where_no_command_tells():
+    sine = 0.2 * np.sin(2 * np.pi * 7 * T)
+    found = columns(t=T, x_um=20 * SLOW, i_1=1.5 + sine, i_2=1.5 - sine).values()
+    (current,) = (c for c in found if c.channel == "current")
+    assert current.less and "pulls towards positive" in current.ask

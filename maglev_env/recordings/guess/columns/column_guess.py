@@ -1,7 +1,10 @@
 """What one column of a file is taken for."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from maglev_env.channels import unit_of
 
@@ -22,6 +25,7 @@ class ColumnGuess:
         offset: SI value at which the column reads 0.
         total: whether a current includes the bias of the rig.
         stated: whether its scale is stated by the user.
+        less: of an opposed coil's current, the column of the other coil; half of the difference counts.
     """
 
     column: str
@@ -35,12 +39,19 @@ class ColumnGuess:
     offset: float = 0.0
     total: bool = False
     stated: bool = False
+    less: str = ""
 
     @property
     def source(self) -> dict[str, Any]:
         """Its table in [recording.channels]."""
         stated = {"scale": (self.scale, 1.0), "offset": (self.offset, 0.0), "total": (self.total, False)}
-        return {"from": self.column, **{key: value for key, (value, usual) in stated.items() if value != usual}}
+        read = {"from": [self.column, self.less], "weights": [0.5, -0.5]} if self.less else {"from": self.column}
+        return read | {key: value for key, (value, usual) in stated.items() if value != usual}
+
+    def values(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Its values (samples,) in SI, from those of a file's columns."""
+        read = (columns[self.column] - columns[self.less]) / 2 if self.less else columns[self.column]
+        return read * self.scale + self.offset
 
 
 def with_scale(column: ColumnGuess, scale: float) -> ColumnGuess:

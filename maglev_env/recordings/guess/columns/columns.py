@@ -10,6 +10,7 @@ from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.columns.by_values import by_behaviour
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.columns.naming import by_name, label_of
+from maglev_env.recordings.guess.columns.opposed import opposed
 from maglev_env.recordings.guess.columns.scaling import scaled
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN
 from maglev_env.recordings.guess.units import Unit
@@ -33,7 +34,7 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     named = dict(guesses)
     guesses = _one_each(guesses)
     guesses = _voltage(_not_a_length(guesses, units, values), units, values)
-    guesses = _freed(guesses, named)
+    guesses = opposed(_freed(guesses, named), named, units, values)
     guesses = by_behaviour(guesses, values, units)
     guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
     return tuple(scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
