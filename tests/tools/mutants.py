@@ -30,6 +30,7 @@ from mutants_list import MUTANTS, RENAMED_TESTS, Mutant
 from mutants_sampled import sampled
 
 TIMEOUT = 600.0  # s: tests that hang have seen the mutant
+COMPILES, SLOWER = 120.0, 3.0  # a mutant's tests hang after so many s, and so many times what the sound code takes
 COMPILED = ("*.nbi", "*.nbc")  # numba's disk cache, in the __pycache__ beside the source
 
 
@@ -163,7 +164,9 @@ def selection(mutant: Mutant) -> list[str]:
     return [*([] if mutant.slow else ["-m", "not slow"]), *(["-k", mutant.select] if mutant.select else [])]
 
 
-def run_tests(copy: Path, files: Sequence[Path], select: Sequence[str], scratch: Path) -> Outcome:
+def run_tests(
+    copy: Path, files: Sequence[Path], select: Sequence[str], scratch: Path, limit: float = TIMEOUT
+) -> Outcome:
     """Run test files in a copy of the tree; `select` has further arguments of pytest."""
     report = scratch / "report.xml"
     report.unlink(missing_ok=True)
@@ -176,11 +179,11 @@ def run_tests(copy: Path, files: Sequence[Path], select: Sequence[str], scratch:
         command, cwd=copy, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
     try:
-        status = process.wait(TIMEOUT)
+        status = process.wait(limit)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        return Outcome("hung", 0, (), TIMEOUT)
+        return Outcome("hung", 0, (), limit)
     seconds = round(time.monotonic() - begun, 1)
     if status == 5:
         return Outcome("no tests", 0, (), seconds)
@@ -233,7 +236,8 @@ class Bench:
                 broken = text.replace(old, new)
                 compile(broken, str(path), "exec")  # a mutant that is no Python proves nothing
                 path.write_text(broken)
-            outcome = run_tests(self.copy, tests, [*self.stop, *selection(mutant)], self.scratch)
+            limit = min(COMPILES + SLOWER * whole["seconds"], TIMEOUT)
+            outcome = run_tests(self.copy, tests, [*self.stop, *selection(mutant)], self.scratch, limit)
         finally:
             for path, (text, stat) in before.items():
                 path.write_text(text)

@@ -43,12 +43,7 @@ MUTANTS = (
     Mutant(
         "band-likelihood-own-noise",
         "The standard error of a band's stiffness takes the pooled noise for that of each of its lines.",
-        (
-            (
-                "(ik * ik + wi * wi * ix * ix) * signal * ratio, (ix",
-                "(ik * ik + wi * wi * ix * ix) * signal, (ix",
-            ),
-        ),
+        (("out[q + HR] += hr\n", "out[q + HR] += h\n"),),
         ("test_coverage.py", "test_max_likelihood.py"),
     ),
     Mutant(
@@ -66,7 +61,7 @@ MUTANTS = (
     Mutant(
         "delay-margin-half-turn",
         "Delay margins wrap the phase lag at half a turn, so that loops with a lead get too small a margin.",
-        (("lag[found] %= 2 * np.pi", "lag[found] %= np.pi"),),
+        (("delay = lag % (2 * np.pi) / ", "delay = lag % np.pi / "),),
         ("test_stability_margins.py",),
     ),
     Mutant(
