@@ -6,8 +6,8 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Mutant:
     """breaks: what is wrong, in words. snippets: (old, new) texts; the first whose old text is in the product code
-    `count` times is applied everywhere it stands. tests: names of the test files to run; select: a pytest -k; slow:
-    whether tests marked slow run too."""
+    `count` times is applied everywhere it stands, or in `file` alone. tests: names of the test files to run; select: a
+    pytest -k; slow: whether tests marked slow run too."""
 
     name: str
     breaks: str
@@ -16,6 +16,7 @@ class Mutant:
     select: str = ""
     count: int = 1
     slow: bool = False
+    file: str = ""
 
 
 # Test files that have another name now, or were divided: old name -> new ones.
