@@ -113,6 +113,7 @@ EQUIVALENT: Mapping[str, str] = {
     "band_errors._starts: - -> + in across - noise * w1 * pi": "a start of the search",
     "band_likelihood.bands_of: - -> + in f_im * y_re - f_re * y_im": "a start of the search",
     "band_bounds._bound: / -> * in g_in / 2": "how fast a search closes in",
+    "planar_likelihood.estimate: 8.0 -> 16.0 in 4.0 * w.size - 8.0": "as in band_errors: of an optimum at infinity",
     "gain_margin.at_rest: / -> * in s / scale": "scales a column of a least squares problem",
     "curves.crossings: > -> <= in level > 0": "where a curve changes its sign its opposite does",
     "smooth_loop.smooth: 1 -> 2 in WIDTHS - 1": "how finely a search's grid lies",
