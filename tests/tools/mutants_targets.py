@@ -64,7 +64,7 @@ TARGETS: tuple[Target, ...] = (
     Target("maglev_env/loop/magnets/law.py", 6, ("test_magnetics.py", "test_force_law.py")),
     Target("maglev_env/loop/magnets/energy.py", 4, ("test_magnetics.py", "test_force_law.py")),
     Target("maglev_env/loop/magnets/circuit.py", 4, ("test_magnetics.py",)),
-    Target("maglev_env/loop/magnets/hybrid_pair.py", 3, ("test_magnetics.py", "test_force_law_simulated.py")),
+    Target("maglev_env/loop/magnets/hybrid_pair.py", 3, ("test_magnet_pieces.py",)),
     Target("maglev_env/loop/eddy.py", 2, ("test_eddy.py", "test_effects_simulated.py"), slow=True),
     Target("maglev_env/loop/actuator.py", 2, LANES, slow=True),
     Target("maglev_env/loop/amplifier.py", 2, LANES, slow=True),
