@@ -74,7 +74,7 @@ TARGETS: tuple[Target, ...] = (
     Target("maglev_env/loop/saturation.py", 3, ("test_single_saturation.py",), slow=True),
     Target("maglev_env/loop/filtered_pid.py", 3, ("test_filtered_pid.py",)),
     Target("maglev_env/loop/linear_controller.py", 3, ("test_controller_forms.py", "test_filtered_pid.py")),
-    Target("maglev_env/linear/axis.py", 3, LINEAR),
+    Target("maglev_env/linear/axis.py", 3, (*LINEAR, "test_free_corrections.py"), "linear", slow=True),
     Target("maglev_env/linear/loop.py", 5, (*LINEAR, "test_linear_planar.py")),
     Target("maglev_env/linear/step_load.py", 2, ("test_step_load.py",)),
     Target("maglev_env/rotor/linear.py", 5, ROTOR),
