@@ -334,7 +334,9 @@ def main() -> int:
     if given.out is None:
         parser.error("--out is missing: where the results go")
     if given.docs:
-        given.docs.write_text(survival_table(json.loads(given.out.read_text())["mutants"]))
+        given.docs.write_text(
+            survival_table(json.loads(given.out.read_text())["mutants"], {m.name for m in sampled(tree)})
+        )
         return 0
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         bench = Bench(tree, Path(folder), given.out.resolve(), given.first)

@@ -1,6 +1,6 @@
 """The page of what deliberate faults survived: docs/mutants.md."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from mutants_list import MUTANTS
@@ -22,9 +22,11 @@ python tests/tools/mutants.py . --out mutants.json --docs docs/mutants.md
 """
 
 
-def survival_table(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """The page, of the results by the mutants' names; what was not tried is said."""
+def survival_table(results: Mapping[str, Mapping[str, Any]], drawn: Collection[str]) -> str:
+    """The page, of the results by the mutants' names, as far as they are still drawn; what was not tried is said."""
     listed = {m.name for m in MUTANTS}
+    results = {name: found for name, found in results.items() if name in listed or name in drawn}
+    untried = sum(name not in results for name in drawn)
     counts = {t.file: _of_file(results, t.file, listed) for t in TARGETS}
     own = [found for name, found in results.items() if name in listed]
     rows = [(f"`{file}`", *numbers) for file, numbers in counts.items()]
@@ -33,9 +35,9 @@ def survival_table(results: Mapping[str, Mapping[str, Any]]) -> str:
     share = 100 * survived / max(killed + survived, 1)
     lines = [HEAD]
     lines.append(
-        f"Of {killed + survived} sampled faults {survived} survive, {share:.1f} %; of {rows[-1][1] + rows[-1][2]} of "
-        f"the list {rows[-1][2]}. {len(EQUIVALENT)} further draws change nothing that a result rests on, and are "
-        "left out with their reasons (below).\n"
+        f"Of {killed + survived} sampled faults {survived} survive, {share:.1f} %; {untried} more are drawn and were "
+        f"not tried. Of {rows[-1][1] + rows[-1][2]} of the list {rows[-1][2]} survive. {len(EQUIVALENT)} further draws "
+        "change nothing that a result rests on, and are left out with their reasons (below).\n"
     )
     lines += ["| file | killed | survived |", "|---|---|---|"]
     lines += [f"| {name} | {dead} | {alive} |" for name, dead, alive in rows]
