@@ -42,7 +42,7 @@ def margin_errors(
         se = np.sqrt(variance[here] / 2)
         found[name] = se * margins[name] ** 2 if name == "disk_margin" else se
     here = nearest(margins["phase_margin_frequency"])
-    turned = np.conj(gain[here]) * tangent[here] / np.abs(gain[here])
+    turned = np.conj(gain[here]) * tangent[here]
     lever = np.hypot(1.0, turned.imag / turned.real)
     found["phase_margin"] = np.degrees(np.sqrt(of_gain[here]) / np.abs(gain[here]) * lever)
     for name in ("gain_margin_high", "gain_margin_low"):

@@ -109,8 +109,7 @@ class LineWindows:
         columns = (inputs[..., None] * powers[:, None, :]).reshape(self.count, WIDTH, -1)
         columns = np.swapaxes(np.swapaxes(columns, 1, 2) @ self.directions, 1, 2)
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
-        kept = s > _RANK * np.maximum(s[:, :1], 1e-300)
-        kept &= s > 0
+        kept = s > _RANK * s[:, :1]
         u = np.where(kept[:, None, :], u, 0.0)
         if self.turned is not None:
             u = np.einsum("wkj,wkl->wjl", np.conj(self.turned), u)

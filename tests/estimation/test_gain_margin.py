@@ -54,6 +54,20 @@ def test_lines_above_the_unstable_pole_are_extrapolated():
     assert at_rest(lines, sensitivity + noise)[0].std() == pytest.approx(error[0], rel=0.2)
 
 
+@pytest.mark.parametrize("kd", [20.0, 150.0])
+def test_the_error_at_rest_is_the_scatter_with_a_weak_and_a_strong_derivative(kd):
+    """With the strong one the derivative's share of the loop gain at the highest of the lines is that of the rest."""
+    lines = np.geomspace(4.0, 2000.0, 50)
+    s = 2j * np.pi * lines
+    sensitivity = 1 / (1 + 3.92 * (7000.0 + kd * s) / (1.06 * s**2 - 1180.0))[None]
+    variance = 1e-8 * (lines / lines[0])[None] ** 3
+    error = at_rest(lines, sensitivity, variance)[1]
+    rng = np.random.default_rng(2)
+    white = rng.standard_normal((2, 2000, lines.size)) * np.sqrt(variance / 2)
+    drawn = at_rest(lines, sensitivity + white[0] + 1j * white[1])[0]
+    assert np.isfinite(drawn).all() and drawn.std() == pytest.approx(error[0], rel=0.1)
+
+
 def test_a_plant_that_stands_by_itself_may_lose_all_gain():
     s = 2j * np.pi * FREQUENCY
     loop = GAIN * (3000.0 + 5.0 * s) / (MASS * s**2 + 10.0 * s + 2e5) / (1 + LAG * s)

@@ -173,6 +173,52 @@ def test_standard_errors_and_bounds_agree_with_a_numerical_delta_method(tilt, co
             assert abs(bound - expected) < 0.02 * se[0]
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.5 - 0.4j])
+def test_both_bounds_lie_where_the_profile_has_risen_as_far(correlation):
+    """In this noise the profile is no parabola; its lowest point in the other coefficient is sought on fine grids."""
+    drawn = draw(statistics(0.6, k=400.0, correlation=correlation), 6, seed=12)
+    e = maximum_likelihood(drawn, BAND, M)
+    assert e.informative.all()
+    apart = []
+    for i in range(6):
+        s = record(drawn, i)
+        f, y, (ff, yy, fy) = s.amplitude("force"), s.amplitude("displacement"), pooled(s)
+
+        def costs(k, c, f=f, y=y, ff=ff, yy=yy, fy=fy):
+            z = k[:, None] - M * W**2 + 1j * W * c[:, None]
+            variance = ff.real + np.abs(z) ** 2 * yy.real - 2 * (np.conj(z) * fy).real
+            return (np.abs(f - z * y) ** 2 / variance).sum(axis=-1)
+
+        def risen(of, value, i=i, costs=costs):
+            middle, width = (e.damping, e.damping_se) if of == 0 else (e.stiffness, e.stiffness_se)
+            centre, reach = middle[i, 0], 12 * width[i, 0]
+            for _ in range(8):
+                grid = np.linspace(centre - reach, centre + reach, 401)
+                held = np.full(grid.size, value)
+                found = costs(*((held, grid) if of == 0 else (grid, held)))
+                centre, reach = grid[found.argmin()], reach / 50
+            return found.min() - e.cost[i, 0]
+
+        for of, low, high in ((0, e.stiffness_low, e.stiffness_high), (1, e.damping_low, e.damping_high)):
+            below, above = risen(of, low[i, 0]), risen(of, high[i, 0])
+            # The bounds are sought to a thousandth of their distance: two of the rise.
+            assert below == pytest.approx(above, rel=5e-3)
+            middle = (e.stiffness, e.damping)[of][i, 0]
+            apart.append(abs(np.log((high[i, 0] - middle) / (middle - low[i, 0]))))
+    assert max(apart) > 0.05  # intervals that are not symmetric
+
+
+def test_intervals_of_two_periods_have_a_degree_of_freedom_for_each_part_of_each_line():
+    s = statistics(0.001, periods=2)
+    e = maximum_likelihood(s, BAND, M)
+    expected = student_t.ppf(0.975, 2 * F.size * (2 - 1))
+    for se, low, high in (
+        (e.stiffness_se, e.stiffness_low, e.stiffness_high),
+        (e.damping_se, e.damping_low, e.damping_high),
+    ):
+        assert (high - low)[0] / 2 / se[0] == pytest.approx(expected, rel=3e-3)
+
+
 # Near its minimum the profile is a parabola, and its width and the standard error are two readings of one Hessian.
 @pytest.mark.parametrize("correlation", [0.0, 0.5 - 0.4j])
 @pytest.mark.parametrize("noise", [0.001, 0.3, 0.9])
@@ -271,3 +317,14 @@ def test_displacement_that_is_all_noise_is_uninformative():
 def test_mass_must_be_positive(mass):
     with pytest.raises(ValueError, match="must be positive"):
         maximum_likelihood(statistics(0.1), BAND, mass)
+
+
+def test_estimates_do_not_depend_on_the_units():
+    """A force in MN and a mass in Gg: bounds are sought to a share of their distance, whatever their size."""
+    s, unit = draw(statistics(0.6, k=400.0), 6, seed=12), 1e-6
+    force = np.array([unit if name == "force" else 1.0 for name in s.channels])
+    tiny = replace(s, mean=s.mean * force[:, None], covariance=s.covariance * np.outer(force, force)[:, :, None])
+    e, small = maximum_likelihood(s, BAND, M), maximum_likelihood(tiny, BAND, M * unit)
+    for f in fields(e):
+        factor = unit if f.name.startswith(("stiffness", "damping")) else 1.0
+        assert getattr(small, f.name) == pytest.approx(getattr(e, f.name) * factor, rel=1e-6), f.name

@@ -91,3 +91,9 @@ def test_four_lines_are_needed():
     s = statistics(2471.0, 3.108, 0.13, f=np.array([10.0, 20.0, 30.0]))
     with pytest.raises(ValueError, match="3 lines; at least four"):
         modal_estimate(s)
+
+
+def test_a_record_that_the_mass_explains_is_said_to_differ_in_one_of_a_hundred():
+    drawn = draw(replace(statistics(2471.0, 3.108, 0.13, noise=1e-3, f=F[19:59:2]), periods=20), 800, seed=24)
+    found = np.mean([e.discrepancy > 0 for e in estimates(drawn, 800)])
+    assert abs(found - 0.01) < 3 * np.sqrt(0.01 * 0.99 / 800)

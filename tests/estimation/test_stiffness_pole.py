@@ -46,3 +46,15 @@ def test_a_stiffness_without_a_pole_has_none(law):
 def test_few_bands_or_unbounded_ones_tell_nothing():
     assert stiffness_pole(F[:4], np.array([0.0, -5e5, 5e5, 0.0]), np.full(4, 1e3)) is None
     assert stiffness_pole(F, np.full(F.size, np.nan), np.full(F.size, np.inf)) is None
+
+
+def test_the_stiffness_falls_from_the_band_next_to_the_jump():
+    """A band that says nothing two before the jump does not hide it, and one beside the jump does."""
+    w2 = 2 * np.pi * 124
+    k = -4e5 + 0.6 * W**2 - 0.6 * W**2 * w2**2 / (w2**2 - W**2)
+    low, error = int(np.flatnonzero(F < 124)[-1]), 1e-3 * np.abs(k)
+    for which, found in ((low - 2, True), (low - 1, False)):
+        blind = error.copy()
+        blind[which] = 1e9
+        pole = stiffness_pole(F, k, blind)
+        assert (pole is not None and pole.frequency == (F[low], F[low + 1])) == found

@@ -1,6 +1,6 @@
 """Does the test-suite still have its teeth? Break the product one small way at a time and count the tests that see it.
 
-    python tests/tools/mutants.py TREE --out result.json [--only NAME ...] [--list]
+    python tests/tools/mutants.py TREE --out result.json [--only NAME ...] [--list] [--docs docs/mutants.md]
 
 TREE is copied to a temporary folder once and never touched itself. Mutants are those that a person thought of
 (`mutants_list.py`) and sampled ones (`mutants_sampled.py`). A mutant is found by the exact text that it replaces,
@@ -28,8 +28,10 @@ from xml.etree import ElementTree
 
 from mutants_list import MUTANTS, RENAMED_TESTS, Mutant
 from mutants_sampled import sampled
+from mutants_table import survival_table
 
 TIMEOUT = 600.0  # s: tests that hang have seen the mutant
+COMPILES, SLOWER = 120.0, 3.0  # a mutant's tests hang after so many s, and so many times what the sound code takes
 COMPILED = ("*.nbi", "*.nbc")  # numba's disk cache, in the __pycache__ beside the source
 
 
@@ -60,7 +62,7 @@ def product_files(tree: Path) -> list[Path]:
 
 def locate(mutant: Mutant, files: Iterable[Path]) -> Place | str:
     """The first snippet that is there exactly as often as stated, or what is wrong, in words."""
-    texts = {path: path.read_text() for path in files}
+    texts = {path: path.read_text() for path in files if str(path).endswith(mutant.file)}
     seen = []
     for i, (old, _) in enumerate(mutant.snippets):
         hits = {path: n for path, text in texts.items() if (n := text.count(old))}
@@ -163,7 +165,9 @@ def selection(mutant: Mutant) -> list[str]:
     return [*([] if mutant.slow else ["-m", "not slow"]), *(["-k", mutant.select] if mutant.select else [])]
 
 
-def run_tests(copy: Path, files: Sequence[Path], select: Sequence[str], scratch: Path) -> Outcome:
+def run_tests(
+    copy: Path, files: Sequence[Path], select: Sequence[str], scratch: Path, limit: float = TIMEOUT
+) -> Outcome:
     """Run test files in a copy of the tree; `select` has further arguments of pytest."""
     report = scratch / "report.xml"
     report.unlink(missing_ok=True)
@@ -176,11 +180,11 @@ def run_tests(copy: Path, files: Sequence[Path], select: Sequence[str], scratch:
         command, cwd=copy, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
     try:
-        status = process.wait(TIMEOUT)
+        status = process.wait(limit)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        return Outcome("hung", 0, (), TIMEOUT)
+        return Outcome("hung", 0, (), limit)
     seconds = round(time.monotonic() - begun, 1)
     if status == 5:
         return Outcome("no tests", 0, (), seconds)
@@ -233,7 +237,8 @@ class Bench:
                 broken = text.replace(old, new)
                 compile(broken, str(path), "exec")  # a mutant that is no Python proves nothing
                 path.write_text(broken)
-            outcome = run_tests(self.copy, tests, [*self.stop, *selection(mutant)], self.scratch)
+            limit = min(COMPILES + SLOWER * whole["seconds"], TIMEOUT)
+            outcome = run_tests(self.copy, tests, [*self.stop, *selection(mutant)], self.scratch, limit)
         finally:
             for path, (text, stat) in before.items():
                 path.write_text(text)
@@ -309,6 +314,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", metavar="NAME", help="only these mutants")
     parser.add_argument("--first", action="store_true", help="stop at the first test that fails: faster, not counted")
     parser.add_argument("--sampled", action="store_true", help="only those that are sampled")
+    parser.add_argument("--docs", type=Path, help="write the table of the results of --out to this file, and end")
     parser.add_argument("--list", action="store_true", help="say where each mutant applies in the tree, and end")
     given = parser.parse_args()
     tree = given.tree.resolve()
@@ -327,6 +333,11 @@ def main() -> int:
         return int(any(isinstance(p, str) for p in places.values()))
     if given.out is None:
         parser.error("--out is missing: where the results go")
+    if given.docs:
+        given.docs.write_text(
+            survival_table(json.loads(given.out.read_text())["mutants"], {m.name for m in sampled(tree)})
+        )
+        return 0
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         bench = Bench(tree, Path(folder), given.out.resolve(), given.first)
         states = []

@@ -50,7 +50,8 @@ def sampled(tree: Path) -> tuple[Mutant, ...]:
         for function, old, new, words in draw.sample(everything, min(target.mutants, len(everything))):
             name = f"{path.stem}.{function}: {words}"
             if name not in EQUIVALENT and name not in {one.name for one in found}:
-                found.append(Mutant(name, f"In {target.file}: {words}.", ((old, new),), target.tests, target.select))
+                how = {"select": target.select, "slow": target.slow, "file": target.file}
+                found.append(Mutant(name, f"In {target.file}: {words}.", ((old, new),), target.tests, **how))
     return tuple(found)
 
 

@@ -16,7 +16,7 @@ class Entry:
         shows: what it shows.
         state: "contradicted": its main statement differs from ours, or from another of the text.
         item: experiment that does it; "" for none.
-        why: why it is contradicted, or cannot be reproduced.
+        why: why it is contradicted, or cannot be reproduced, or what its reproduction is worth.
     """
 
     label: str
@@ -32,7 +32,8 @@ _WHY = {
     "m": "diagram: no result; not modelled",
     "n": "definitions or given values: inputs, used as printed",
 }
-# label | what it shows | p, d, m, n (not reproducible, see _WHY), r:item, c:item:why, or x:why (not reproducible)
+# label | what it shows | p, d, m, n (not reproducible, see _WHY), r:item or r:item:why, c:item:why, or x:why (not
+# reproducible)
 _LINES = """
 Figure 1.1|control loop of a magnetic bearing|d
 Figure 2.1|Berlin Heart Incor|p
@@ -44,13 +45,14 @@ Figure 3.2|straightener, impeller, diffuser and rotor|p
 Figure 3.3|main dimensions of the pump|p
 Figure 3.4|pump casing|p
 Figure 3.5|straightener|p
-Figure 3.6|velocity triangles of the impeller|r:hydraulics
+Figure 3.6|velocity triangles of the impeller|r:hydraulics:from the printed angles
 Figure 3.7|blade geometry of the impeller|p
-Figure 3.8|assembled velocity diagram|r:hydraulics
+Figure 3.8|assembled velocity diagram|r:hydraulics:from the printed angles
 Figure 3.9|cited for the trigonometry|x:cited, but not in the text
 Figure 3.10|velocity triangles of the diffuser|x:the diffuser's angles and pressure recovery are not given
 Figure 3.11|blade geometry of the diffuser|p
-Table 3.1|blade angles, speed and pressure|r:hydraulics
+Table 3.1|blade angles, speed and pressure|r:hydraulics:from the printed angles; the axial velocity needs an \
+inferred factor
 Figure 3.12|machined impeller, diffuser and straightener|p
 Figure 3.13|straightener, exploded|p
 Figure 3.14|impeller, assembled|p
@@ -61,8 +63,9 @@ Figure 3.18|machining program|p
 Figure 3.19|flux paths of the bearing|d
 Figure 3.20|2D model for the finite-element program|x:the outline and the materials are in the figure only
 Figure 3.21|map of the magnetic flux in the pump|x:needs the outline of Figure 3.20
-Figure 3.22|map of the flux loop of a bearing|r:flux-map
-Figure 3.23|dimensions of the bearing|r:bearing-coefficients
+Figure 3.22|map of the flux loop of a bearing|x:the outline is in the figure only; flux-map has the map of a bearing \
+like it
+Figure 3.23|dimensions of the bearing|r:bearing-coefficients:from the text's own relations
 Figure 3.24|stator with probe holder|p
 Figure 3.25|stator|p
 Figure 3.26|lamination fixture|p
@@ -78,7 +81,7 @@ Figure 3.34|motor stator|p
 Figure 3.35|3D model of the bearing|p
 Table 3.3|computed forces under axial displacement|c:axial-force:-0.13 N where symmetry has none, a radial force 12 % \
 below eq 3.9, and an axial stiffness 1.4 times Table 5.4's
-Figure 3.36|radial force over axial displacement|r:axial-force
+Figure 3.36|radial force over axial displacement|c:axial-force:its level, as Table 3.3; that it hardly varies agrees
 Figure 3.37|axial force over axial displacement|c:axial-force:as Table 3.3
 Figure 3.38|magnets above and below the rotor|d
 Figure 3.39|magnetic circuit|c:bearing-coefficients:the control flux closes through the gaps, not through the magnet
@@ -86,7 +89,7 @@ Table 3.4|values of the bearing|n
 Figure 3.40|loop of one radial direction|d
 Table 3.5|gains of the controller|c:stability-conditions:they levitate, but not by the conditions of eq 3.26, which \
 pass gains that cannot hold the rotor
-Figure 3.41|displacements at rest|r:levitation
+Figure 3.41|displacements at rest|r:levitation:radially; noise of the axial probe is not simulated
 Figure 3.42|displacements at 14,000 rpm|c:levitation:ours is damped far better and turns on larger orbits at that speed
 Figure 3.43|displacements over speed|c:run-up:the peak agrees, the fall behind it and the axial displacement do not
 Figure 3.44|coil current over speed|x:its values are in the figure only; ours are in coil-current
@@ -97,7 +100,8 @@ Figure 4.3|one-axis rig|p
 Table 4.1|dimensions of the E-frame|n
 Figure 4.4|instruments of the rig|d
 Figure 4.5|rig|p
-Figure 4.6|SPHS and averaging over five periods|r:averaging
+Figure 4.6|SPHS and averaging over five periods|r:averaging:the curves are in the figure only; five periods \
+are found adequate, as the text says
 Figure 4.7|effective and actual coefficients|c:effective-actual:the directions agree; eq 4.7 is not flat with our \
 gains, as its own are not published
 Figure 4.8|statistics of the estimates|c:effective-actual:fits of 0.988 to 0.996 do not go with 100 mV of noise
@@ -112,18 +116,19 @@ Figure 5.4|steps of estimation in two axes|d
 Figure 5.5|rig of the bearings|p
 Figure 5.6|scheme of the rig|d
 Figure 5.7|force and displacement of the pedestal over time|x:its values are in the figure only; pedestal simulates it
-Table 5.1|stiffness of the springs|r:pedestal
+Table 5.1|stiffness of the springs|r:pedestal:the rig is built from it: what is tested is the estimator
 Table 5.2|the same in four bands|c:pedestal-damping:no cause tried lowers the fit and the stiffness as the band widens
-Figure 5.8|transfer function of the pedestal|r:pedestal
+Figure 5.8|transfer function of the pedestal|r:pedestal:its peak, of a rig built from Table 5.1
 Figure 5.9|rig for the actuator gain|p
 Figure 5.10|open loop for the actuator gain|d
-Figure 5.11|actuator gain over frequency|r:actuator-gain
-Figure 5.12|the same up to 50 Hz|r:actuator-gain
-Figure 5.13|force over voltage at the centre|r:actuator-gain
+Figure 5.11|actuator gain over frequency|c:actuator-gain:flat to 50 Hz; a mode at 270 Hz makes 16 % at 100 Hz of \
+what is said to vary little
+Figure 5.12|the same up to 50 Hz|r:actuator-gain:flat as published; its height is built in
+Figure 5.13|force over voltage at the centre|r:actuator-gain:linear as published; its slope is built in
 Figure 5.14|gain over eccentricity|c:actuator-gain:every force law rises with eccentricity; the published gain falls
 Figure 5.15|axes, force and probes|d
 Table 5.3|eight coefficients|c:eight-coefficients:one excitation tells row sums only, and these do not fit mass and mode
-Figure 5.16|transfer functions and fit in x and y|r:appendix-c
+Figure 5.16|transfer functions and fit in x and y|c:appendix-c:the fit above 40 Hz agrees, below it ours falls less
 Figure 5.17|stiffnesses by eight coefficients|c:appendix-c:the program makes m w^2 of any stiffness
 Figure 5.18|dampings by eight coefficients|c:appendix-c:small and insignificant as published, but as wide as the noise \
 makes them
@@ -135,27 +140,27 @@ Figure 5.23|at rest and at 8,000 rpm|c:spinning:unbalance and runout show around
 Figure 5.24|axial rig|p
 Figure 5.25|its scheme|d
 Figure 5.26|its model|d
-Table 5.4|axial estimate at 18-28 Hz|r:axial
+Table 5.4|axial estimate at 18-28 Hz|r:axial:the rig is built from it; its fit of 0.984 is not ours
 Figure 5.27|axial estimates over frequency|c:stiffness-causes:the rise is that of m w^2; what made it is open
 Figure 5.28|axial and radial compared|c:axial:of the damping as published; the ratio of stiffnesses is one of limits
 Figure 6.1|flux path|d
 Figure 6.2|coil model in Simulink|d
 Figure 6.3|switching voltage|d
-Figure 6.4|high-pass|r:digital-filters
+Figure 6.4|high-pass|r:digital-filters:designed to the printed corner
 Figure 6.5|rectifier|d
-Figure 6.6|low-pass|r:digital-filters
+Figure 6.6|low-pass|r:digital-filters:designed to the printed corner
 Figure 6.7|flowchart of demodulation|d
 Figure 6.8|the same in Simulink|d
-Figure 6.9|demodulation at constant duty|r:forward-path
+Figure 6.9|demodulation at constant duty|r:forward-path:in words, as published; no figures are
 Figure 6.10|demodulation at varying duty|c:forward-path:eq 6.25 moves the duty too little; edges on samples corrupt it
 Figure 6.11|the same, enlarged|c:forward-path:as Figure 6.10
 Figure 6.12|scheme of the estimator|d
 Figure 6.13|estimator and demodulation|r:estimator-tracking
-Figure 6.14|frequency response of the estimator|r:estimator-response
+Figure 6.14|frequency response of the estimator|r:estimator-response:its gains are chosen to give the 18 degrees
 Figure 6.15|structure of the circuit|d
 Figure 6.16|current sensor|p
 Figure 6.17|sensed coil current|x:the triangle is simulated; the step at its peak, put down to eddy currents, has no \
-published size
+published size: laminations has what they make
 Figure 6.18|band-pass circuit|c:band-pass:centre, width and gain do not have the published edges
 Figure 6.19|current behind the band-pass|r:band-pass
 Figure 6.20|rms converter|x:its part values are in the figure only; its averaging is assumed in band-pass
@@ -166,7 +171,8 @@ Figure 6.24|board and backplane|m
 Figure 6.25|boards|p
 Figure 6.26|rig of the self-sensing|p
 Figure 6.27|static calibration|p
-Table 6.1|output over displacement|r:static-calibration
+Table 6.1|output over displacement|r:static-calibration:its line anew, which is better than published; the \
+simulated estimator is linear, too
 Figure 6.28|its line|c:static-calibration:the published line counts the first saturated point
 Figure 6.29|instruments of the dynamic calibration|d
 Figure 6.30|probe and self-sensing over time|c:dynamic-calibration:a minimal delay does not go with 30° at 150 Hz

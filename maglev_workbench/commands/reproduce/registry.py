@@ -17,6 +17,7 @@ HOME = {
     "coil-current": "bearing.pump",
     "axial-force": "bearing.pump",
     "temperature": "bearing.pump",
+    "laminations": "bearing.laminations",
     "averaging": "identification.averaging",
     "effective-actual": "identification.effective_actual",
     "gain-influence": "identification.gain_influence",
@@ -43,6 +44,7 @@ HOME = {
     "static-calibration": "self_sensed.self_sensing",
     "dynamic-calibration": "self_sensed.self_sensing",
     "lowest-rate": "self_sensed.self_sensing",
+    "future-work": "bearing.future",
     "sphs": "identification.schroeder",
 }
 

@@ -81,3 +81,17 @@ def test_a_record_too_short_says_how_long_it_must_be():
         line_windows(1000, 1000.0, (10.0, 30.0))
     with pytest.raises(ValueError, match="must increase"):
         line_windows(1000, 1000.0, (30.0, 10.0))
+
+
+def test_what_the_excitation_explains_does_not_depend_on_its_unit():
+    """A current in GA drives nothing else than one in A, and where it is silent it explains nothing."""
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(5)
+    drive, found = (
+        windows.spectrum(rng.normal(size=SAMPLES)),
+        windows.project(windows.spectrum(rng.normal(size=SAMPLES))),
+    )
+    drive[3] = 0.0
+    (parts, rank), (small, same) = (windows.along(found, unit * drive) for unit in (1.0, 1e-9))
+    assert rank[3] == 0 and not parts[3].any() and (np.delete(rank, 3) == TERMS).all()
+    np.testing.assert_array_equal(rank, same)
+    np.testing.assert_allclose(np.abs(small), np.abs(parts), atol=1e-12)

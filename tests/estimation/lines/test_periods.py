@@ -7,7 +7,14 @@ import pytest
 from drawn_spectra import two_channels
 from scipy.linalg import expm
 
-from estimation.lines.periods import held, line_statistics, period_spectra, split_periods, transient_periods
+from estimation.lines.periods import (
+    held,
+    line_statistics,
+    period_drift,
+    period_spectra,
+    split_periods,
+    transient_periods,
+)
 
 
 def noise(rng, shape):
@@ -184,3 +191,36 @@ def test_three_periods_are_always_kept():
         drifting = 50.0 * 0.2 ** np.arange(periods)[:, None] + 1e-6 * noise(rng, (periods, 10))
         assert transient_periods(drifting) == max(periods - 3, 0)
     assert transient_periods(np.ones((6, 10), complex)) == 0  # no noise and no transient
+
+
+def shifted(samples, periods, lines):
+    """Spectra of periods of a signal of some lines that run ahead by so many samples each."""
+    w = 2 * np.pi * lines / 1000
+    clean = np.exp(0.7j * lines**2) * np.exp(1j * np.outer(np.arange(periods) * samples, w))
+    return clean, w
+
+
+@pytest.mark.parametrize("samples", [0.0, 0.02, -0.9])
+def test_a_clock_that_runs_ahead_is_told_by_its_periods(samples):
+    spectra, w = shifted(samples, 12, np.arange(5, 300, 7))  # the highest line turns by ten radians in all
+    slope, error = period_drift(spectra + 1e-3 * noise(np.random.default_rng(3), spectra.shape), w)
+    assert abs(slope - samples) < 4 * error < 1e-3
+
+
+def test_the_error_of_a_drift_is_never_far_below_its_scatter():
+    """Of few periods the scatter about a line may be nothing by chance; the noise of the lines still is there."""
+    spectra, w = shifted(0.1, 4, np.arange(5, 105, 5))
+    rng = np.random.default_rng(5)
+    found = np.array([period_drift(spectra + 0.02 * noise(rng, spectra.shape), w) for _ in range(600)])
+    scatter = found[:, 0].std()
+    assert abs(found[:, 0].mean() - 0.1) < 4 * scatter / np.sqrt(600)
+    # The noise of the middle period, of which all shifts are taken, counts with each of the others'.
+    assert 0.8 * scatter < np.quantile(found[:, 1], 0.01) < 1.5 * scatter
+    assert np.median(found[:, 1]) < 2 * scatter
+
+
+def test_few_periods_or_signals_that_are_no_copies_tell_no_drift():
+    spectra, w = shifted(0.1, 4, np.arange(5, 105, 5))
+    assert period_drift(spectra[:3], w) is None and period_drift(0 * spectra, w) is None
+    rng = np.random.default_rng(6)
+    assert period_drift(spectra + noise(rng, spectra.shape), w) is None

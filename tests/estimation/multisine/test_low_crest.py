@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.multisine.low_crest import low_crest
+from estimation.multisine.low_crest import _log_norm, low_crest
 from estimation.multisine.sphs import crest_factor, harmonic_range, odd_lines, odd_random_grid, sphs, synthesise
 
 SAMPLES = 20_000
@@ -22,6 +22,24 @@ def test_flat_lines_reach_the_crest_of_the_literature(count):
     lines = harmonic_range(1, count)
     assert max(crests(low_crest(lines, SAMPLES))) < 1.41
     assert crests(sphs(lines, SAMPLES))[0] > 1.6
+
+
+@pytest.mark.parametrize("exponent", [4, 32])
+def test_the_search_follows_the_gradient_of_the_norm_of_a_sum_of_cosines(exponent):
+    rng = np.random.default_rng(3)
+    lines, points = np.array([1, 3, 4, 9]), 400
+    amplitudes, phases = rng.uniform(0.5, 1, 4), rng.uniform(0, 2 * np.pi, 4)
+
+    def norm(phases):
+        turns = 2 * np.pi * np.outer(np.arange(points) / points, lines)
+        signal = (amplitudes * np.cos(turns + phases)).sum(axis=1)
+        return np.log(np.mean(np.abs(signal) ** exponent)) / exponent
+
+    value, gradient = _log_norm(phases, lines, amplitudes, points, exponent)
+    assert value == pytest.approx(norm(phases), rel=1e-9)
+    step = 1e-5 * np.eye(4)
+    expected = [(norm(phases + h) - norm(phases - h)) / 2e-5 for h in step]
+    assert gradient == pytest.approx(expected, abs=1e-7)
 
 
 @pytest.mark.slow

@@ -313,6 +313,38 @@ def test_one_excitation_is_refused_where_the_noise_differs_between_lines(spread)
     assert eight_coefficients([draw(expected, 2000, 10)], BAND, MASS, intervals=False).identifiable.sum() <= 4
 
 
+def scaled(s, factor):
+    """The record in another unit: every channel times a factor, or each times its own."""
+    size = np.broadcast_to(factor, len(s.channels)).astype(float)
+    return replace(s, mean=s.mean * size[:, None], covariance=s.covariance * np.outer(size, size)[:, :, None])
+
+
+@pytest.mark.parametrize("factor", [0.01, 30.0])
+def test_a_louder_copy_of_a_record_tells_as_much(factor):
+    """Of excitations that are barely apart, beside noise in which a third of the draws pass for two."""
+    levels = noise_levels(F, 8, **SYMMETRIC)
+    one, two = (
+        draw(planar_record(F, direction, levels, **SYMMETRIC), 300, i)
+        for i, direction in enumerate((VERTICAL, np.array([1.0, 1.7]) / 2))
+    )
+    plain = eight_coefficients([one, two], BAND, MASS, intervals=False)
+    louder = eight_coefficients([one, scaled(two, factor)], BAND, MASS, intervals=False)
+    passed = plain.identifiable.mean()
+    assert 0.2 < passed < 0.8
+    assert np.array_equal(louder.identifiable, plain.identifiable)
+    np.testing.assert_allclose(louder.stiffness, plain.stiffness, rtol=1e-5)
+
+
+def test_estimates_do_not_depend_on_the_units():
+    """A force in MN and a mass in Gg."""
+    unit, s = 1e-6, diagonal_records(3, 6, 12)
+    tiny = [scaled(one, [unit if name.startswith("force") else 1.0 for name in one.channels]) for one in s]
+    e, small = eight_coefficients(s, BAND, MASS), eight_coefficients(tiny, BAND, MASS * unit)
+    for f in fields(e):
+        factor = unit if f.name.startswith(("stiffness", "damping")) and "inflation" not in f.name else 1.0
+        np.testing.assert_allclose(getattr(small, f.name), getattr(e, f.name) * factor, rtol=2e-3, err_msg=f.name)
+
+
 def test_circular_motion_and_an_axis_at_rest_are_refused():
     uncoupled = {"stiffness": np.diag([130e3, 130e3]), "damping": np.diag([20.0, 20.0])}
     whirl = planar_record(F, [1.0, 1j], **uncoupled)

@@ -8,6 +8,7 @@ import pytest
 from control_loops import DT, control_loop
 
 from maglev_env.experiment import protocol_experiment
+from maglev_env.linear.expected import expected_statistics
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.plant import discrete_plant
 from maglev_env.linear.poles import closed_loop_poles, pole_radii
@@ -82,3 +83,14 @@ def test_support_alone_gives_the_textbook_receptance():
     hold = np.sinc(f * DT) * np.exp(-1j * np.pi * f * DT)
     # Aliases of the held force add the rest, (f / rate)^2 of it.
     np.testing.assert_allclose(loop_response(e, f).receptance, continuous * hold, rtol=3e-4)
+
+
+@pytest.mark.parametrize("name", ["hmb_free", "hmb_radial"])
+def test_a_measured_force_has_its_own_noise_alone(name):
+    """White noise over n samples has the power 4 sigma^2 / n at a line, and the mean of P periods a P-th of it."""
+    e = protocol_experiment(load_rig(name))
+    s = expected_statistics(e, np.array([7, 40, 300]))
+    for channel in (c for c in s.channels if c.startswith("force")):
+        for other in s.channels:
+            expected = 4 * e.rig.noise.force**2 / (e.samples_per_period * e.periods) if other == channel else 0.0
+            assert s.cross(channel, other) == pytest.approx(np.full(3, expected), rel=1e-12, abs=1e-30)

@@ -13,6 +13,7 @@ from maglev_env.rotor.linear import (
     at_planes,
     closed_loop_poles,
     mechanics,
+    probe_readings,
     sensitivity,
     unbalance_response,
     undamped_frequencies,
@@ -154,3 +155,18 @@ def test_ladder_of_speeds_splits_conical_whirl_evenly():
             f = undamped_frequencies(on_springs(), SPRING, v * np.pi / 30)
             splits.append(f.sum())  # the bounce's two cancel
         assert splits[1] - splits[0] == pytest.approx(ratio * (high - low) / 60, rel=5e-3)
+
+
+def test_probes_read_a_turning_rotor_behind_their_lag():
+    """A forward orbit with a tilt, and the runout, behind a first-order low-pass of 1 ms: closed form at each plane."""
+    lag, speeds = 1e-3, np.array([100.0, 1000.0])
+    rotor = replace(PUMP, axis=replace(PUMP.axis, sensor_time_constant=lag))
+    orbit, tilt = 1e-5 * np.exp(0.3j), 2e-4
+    q = np.array([[orbit, tilt, -1j * orbit, -1j * tilt]] * 2)
+    found = probe_readings(rotor, q, speeds)
+    for i, speed in enumerate(speeds):
+        size, turned = 1 / np.hypot(1, speed * lag), np.exp(-1j * np.arctan(speed * lag))
+        for plane in range(2):
+            runout = rotor.runout.amplitude[plane] * np.exp(1j * np.radians(rotor.runout.phase[plane]))
+            x = (orbit + rotor.planes.probes[plane] * tilt + runout) * size * turned
+            assert found[i, 2 * plane : 2 * plane + 2] == pytest.approx([x, -1j * x], rel=1e-9)

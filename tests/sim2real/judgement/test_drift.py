@@ -1,6 +1,7 @@
 """A gain that drifts over a recording: its rate is found, in noise there is none, and other trends are not named."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simu
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, tolerances
-from sim2real.judgement.drift import _slope, drift_of
+from sim2real.judgement import drift
+from sim2real.judgement.drift import FORM, _slope, drift_of
 from sim2real.recorded.records import read_records
 from sim2real.recorded.wander import straightened, without_wander
 from sim2real.search.fitting import begin, differentiate, iterate
@@ -68,6 +70,20 @@ def test_noise_hardly_ever_seems_to_wander():
         assert without_wander(noise, 60) is noise
     moved = noise + 3.0 * np.linspace(-0.5, 0.5, noise.shape[1])
     assert np.std(without_wander(moved, 60) - noise) < 0.3
+
+
+def test_rates_of_recordings_are_weighed_by_their_variances(monkeypatch):
+    """And by a share of the rate that a drift which is not steady may be off by, in each."""
+    rates, sds = np.array([0.10, 0.13, 0.08]), np.array([0.002, 0.02, 0.01])
+    rows = [(rate, sd, (rate / sd) ** 2, 1.0) for rate, sd in zip(rates, sds, strict=True)]
+    monkeypatch.setattr(drift, "_slope", lambda part, point: rows[part])
+    monkeypatch.setattr(drift, "_over_time", lambda *given: None)
+    fit = SimpleNamespace(hypothesis=SimpleNamespace(point=lambda u: None), u=None)
+    found = drift_of(SimpleNamespace(parts=range(3)), fit)
+    variances = sds**2 + (FORM * found.rate) ** 2
+    assert found.rate == pytest.approx((rates / variances).sum() / (1 / variances).sum(), rel=1e-3)
+    assert found.se == pytest.approx((1 / variances).sum() ** -0.5, rel=1e-3)
+    assert found.left == pytest.approx((((rates - found.rate) ** 2) / variances).sum(), rel=1e-2)
 
 
 @pytest.mark.slow
