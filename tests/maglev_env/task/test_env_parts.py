@@ -14,6 +14,7 @@ from maglev_env.envs.sb3 import SB3VecEnv
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.simulate import simulate_records
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml
 from maglev_env.task.episodes import WIDE, draw_episode, wide_factors
@@ -103,6 +104,20 @@ def test_the_quick_protocol_measures_the_same_in_an_eighth_of_the_time(name):
         assert means[1] == pytest.approx(means[0], rel=0.08)  # what the fewer lines weigh varies in a band
         errors = [getattr(e, f"band_{quantity}_se").mean(axis=0)[1] for e in found]
         assert 2 < errors[1] / errors[0] < 6
+
+
+@pytest.mark.parametrize("name", ["hmb_axial", "pedestal"])
+def test_the_quick_protocol_of_a_rig_that_nothing_controls_excites_its_force_alone(name):
+    rig = load_rig(name)
+    quick = env_protocol(rig, "quick")
+    assert [e.at for e in quick.excitations] == ["force"]
+    ends = [lines_at(p.excitations, "force")[-1] * p.excitations[0].fundamental for p in (rig.protocol, quick)]
+    assert ends[1] == pytest.approx(ends[0], rel=0.06)
+    assert np.isfinite(simulate_records([protocol_experiment(replace(rig, protocol=quick))])[0]).all()
+    with pytest.raises(ValueError, match=f"{name}: nothing is excited at the current.*estimate a recording"):
+        evaluate([protocol_experiment(rig)])
+    with pytest.raises(ValueError, match="excitation at the force"):
+        env_protocol(replace(rig, protocol=None), "quick")
 
 
 def test_observations_say_what_the_info_says():
