@@ -8,6 +8,7 @@ import scipy
 
 from maglev_env.loop.gains import Gains
 from tuning.campaign.carried import DRAWS, Carried
+from tuning.campaign.gain_set import GainSet
 from tuning.campaign.model import (
     EVENT_ERROR,
     RIGS,
@@ -20,7 +21,6 @@ from tuning.campaign.model import (
     scored,
     terms_of,
 )  # fmt: skip
-from tuning.campaign.recorded_sets import GainSet
 from tuning.study.recommendation import DISPLACEMENT_SHARE, GAIN_MARGIN, PEAK_SENSITIVITY, PHASE_MARGIN
 from tuning.study.study import experiments
 

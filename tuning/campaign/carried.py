@@ -11,7 +11,7 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
-from tuning.campaign.recorded_sets import GainSet, Response
+from tuning.campaign.gain_set import GainSet, Response
 from tuning.campaign.rig_fit import IdentifiedRig
 
 DRAWS = 64  # the first is the best estimate

@@ -15,7 +15,7 @@ from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.campaign.carried import DRAWS, Carried
-from tuning.campaign.recorded_sets import GainSet
+from tuning.campaign.gain_set import GainSet
 from tuning.campaign.rig_fit import MASS, IdentifiedRig
 from tuning.study.study import experiments
 from tuning.tuner import Trials
