@@ -13,7 +13,7 @@ import json
 import os
 import subprocess
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numba
@@ -194,6 +194,7 @@ def truth(hidden, gains, block, goal, rng):
         "compliance": float(np.abs(spectrum[1][push] / np.fft.rfft(force)[push] / hold).max()),
     }
     still = np.zeros(round(2.0 / hidden.dt))
+    hidden = replace(hidden, noise=(hidden.noise[0], 0.0, 0.0))  # of the current itself, not of its meter
     hover, _ = sent(hidden, gains, still, still, rng)
     found["noise_current"] = float(hover[2][still.size // 4 :].std())
     middle = hover[0][still.size // 4 :].mean()
