@@ -68,7 +68,9 @@ def _protocol(rig: Rig) -> Protocol:
             own = tuple(map(int, injected[axis :: rig.axes]))
             parts.append(Excitation("sphs", "current", apart, own, direction=90.0 * axis))
     share = REACH * rig.clearance / len(parts)
-    return Protocol(tuple(replace(part, amplitude=share / _reach(rig, part)) for part in parts))
+    protocol = Protocol(tuple(replace(part, amplitude=share / _reach(rig, part)) for part in parts))
+    nearer = 2.0 ** round(np.log2(apart / SPACING))  # bands hold as many lines, whatever lies between them
+    return replace(protocol, band_width=nearer * protocol.band_width, band_overlap=nearer * protocol.band_overlap)
 
 
 def _spacing(control_rate: float) -> float:

@@ -168,4 +168,5 @@ def test_slow_and_odd_control_rates_have_lines_enough_to_be_tuned(rate, apart):
     assert samples == pytest.approx(round(samples), abs=1e-6)
     assert protocol.excitations[0].fundamental == pytest.approx(apart, rel=1e-3)
     force, injection = protocol.excitations
+    assert 0 < protocol.band_width <= force.frequencies[-1] - force.frequencies[0]
     assert not set(force.lines) & set(injection.lines) and injection.frequencies[-1] <= 0.41 * rate
