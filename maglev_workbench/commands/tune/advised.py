@@ -73,3 +73,12 @@ def tolerance_in_words(task: Task | RotorGoalTask, goal: Goal, required: Mapping
     return f" Some rigs within its tolerance miss {', '.join(words)}" + (
         "." if already else f": {out} to meet it there."
     )
+
+
+def unstated_noise(task: Task | RotorGoalTask, goal: Goal) -> str:
+    """A sentence where a goal asks for a noise current, and the rig states no noise of what its controller reads."""
+    if isinstance(task, RotorGoalTask) or task.rig.noise.displacement or task.sensor != "probe":
+        return ""
+    if all(r.name != "noise_current" for r in goal.measured):
+        return ""
+    return " The rig states no [noise] of its displacement: the noise current is that of its converters alone."

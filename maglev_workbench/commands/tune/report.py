@@ -19,6 +19,7 @@ from maglev_workbench.commands.tune.advised import (
     kept_gains,
     misses_within,
     tolerance_in_words,
+    unstated_noise,
 )
 from maglev_workbench.commands.tune.figures import course_figure, where_figure
 from maglev_workbench.commands.tune.next_recording import digits
@@ -66,7 +67,7 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     )
     if goal := task.layout.goal:
         text += f" On this rig it {goal_page.missed_in_words(goal, c.required)}."
-        text += tolerance_in_words(task, goal, c.required)
+        text += tolerance_in_words(task, goal, c.required) + unstated_noise(task, goal)
     text += ends_in_words(task, c.point)
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
