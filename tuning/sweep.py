@@ -1,37 +1,26 @@
 """Gain sweeps: every gain set through the same identification experiment, stored in chunks and resumable."""
 
 import json
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from hashlib import sha256
 from math import prod
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maglev_env.evaluation.devices import require_device
-from maglev_env.evaluation.evaluation import Evaluation
-from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, digital, gain_values, of_axis, with_gains
-from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
 from maglev_env.rig.rig import Rig
 from maglev_lanes.code_version import code_version
 from maglev_lanes.price import check_experiments
 from tuning.axis import Axis
-from tuning.sweep_file import read_sweep, write_sweep
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
-    from maglev_lanes.schedule import Workers
-
-CHUNK = 256
-TOGETHER = 32  # chunks whose experiments a GPU simulates at a time
 POINTS = {"kp": 16, "ki": 4, "kd": 16}  # of the default grid
-SPEC = "sweep.json"
 
 
 @dataclass(frozen=True)
@@ -129,76 +118,13 @@ def points(sweep: Sweep) -> dict[str, np.ndarray]:
 
 def gain_sets(sweep: Sweep) -> list[Controllers]:
     """The gain sets in order."""
-    return _controllers(sweep, points(sweep))
+    return controllers(sweep, points(sweep))
 
 
-def _controllers(sweep: Sweep, swept: Mapping[str, np.ndarray]) -> list[Controllers]:
+def controllers(sweep: Sweep, swept: Mapping[str, np.ndarray]) -> list[Controllers]:
+    """The rig's controllers with the values (n,) of the swept gains."""
     rows = zip(*(column.tolist() for column in swept.values()), strict=True)
     return [with_gains(sweep.rig.gains, **dict(zip(swept, row, strict=True))) for row in rows]
-
-
-def run_sweep(
-    sweep: Sweep,
-    out: Path,
-    threads: int | None = None,
-    progress: Callable[[int, bool], None] | None = None,
-    workers: "Workers | None" = None,
-) -> "xr.Dataset":
-    """Run or resume a sweep in a folder.
-
-    Finished chunks are reused. An interrupted sweep, and one whose chunks workers made, equal an uninterrupted one bit
-    for bit.
-
-    Args:
-        sweep: The sweep.
-        out: Folder of the results.
-        threads: Number of threads; None for all cores.
-        progress: Called with (experiments, reused).
-        workers: Where to run.
-
-    Returns:
-        Dataset with the dimensions experiment and band, and the gains as coordinates; of more than LARGE experiments it
-        stays in its file until something is read.
-
-    Raises:
-        ValueError: `out` holds another sweep, or the device is not there, or workers are given with it.
-        BlockingIOError: Another process works on it.
-        OSError: `out` cannot be written.
-    """
-    with locked(out):
-        return _run(sweep, out, threads, progress or (lambda n, reused: None), workers)
-
-
-def _run(sweep, out, threads, advance, workers) -> "xr.Dataset":  # see run_sweep
-    if sweep.device != "cpu" and workers is not None:
-        raise ValueError(f"sweep: device {sweep.device} is of this machine: leave out the scheduler, or use cpu")
-    if not (out / SPEC).exists() and not is_empty(out):
-        raise ValueError(f"{out} is not empty and holds no sweep; choose another --out")
-    swept, n = points(sweep), sweep.count
-    claim(out / SPEC, description(sweep, n), "sweep")
-    chunks = out / "chunks"
-    chunks.mkdir(exist_ok=True)
-    paths = {start: chunks / f"{start:07d}.npz" for start in range(0, n, CHUNK)}
-    todo = []
-    for start, path in paths.items():
-        own = {name: column[start : start + CHUNK] for name, column in swept.items()}
-        if not path.exists():
-            todo.append(_Chunk(sweep, start, own))
-            continue
-        load_arrays(path)  # a damaged one is told before the work, not behind it
-        advance(min(CHUNK, n - start), True)
-    for chunk, columns in _made(todo, threads, lambda n: advance(n, False), workers):
-        save_arrays(paths[chunk.start], columns)
-    made_by = json.loads((out / SPEC).read_text())
-    attributes = {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()}
-    gains = {name: np.full(n, value) for name, value in gain_values(of_axis(sweep.rig.gains, 0)).items()} | swept
-    temporary = out / "sweep.part"
-    try:
-        write_sweep(temporary, map(load_arrays, paths.values()), gains, attributes)
-        temporary.replace(out / "sweep.nc")
-    finally:
-        temporary.unlink(missing_ok=True)
-    return read_sweep(out / "sweep.nc")
 
 
 def description(sweep: Sweep, n: int) -> dict[str, object]:
@@ -220,81 +146,7 @@ def description(sweep: Sweep, n: int) -> dict[str, object]:
     return data
 
 
-@dataclass(frozen=True)
-class _Chunk:
-    """Neighbouring gain sets of a sweep, and the number of the first one, from which their noise is drawn."""
-
-    sweep: Sweep
-    start: int
-    gains: Mapping[str, np.ndarray]
-
-    def __len__(self) -> int:
-        return len(next(iter(self.gains.values())))
-
-    def experiments(self) -> list[Experiment]:
-        """Of the gain sets, in order."""
-        s = self.sweep
-        return [
-            protocol_experiment(s.rig, gains, s.effects, (s.seed, i), s.sensor)
-            for i, gains in enumerate(_controllers(s, self.gains), self.start)
-        ]
-
-    def columns(self) -> dict[str, np.ndarray]:
-        """All arrays of their evaluation, on one thread."""
-        from maglev_env.evaluation.evaluate import evaluate  # takes long to import
-
-        return _columns(evaluate(self.experiments(), 1))
-
-
-def _made(
-    chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None], workers: "Workers | None"
-) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
-    """Chunks and their columns as they are finished."""
-    if workers is None:
-        # A chunk alone would keep two threads busy.
-        on_cpu = bool(chunks) and chunks[0].sweep.device == "cpu"
-        size = (threads or os.cpu_count() or 1) if on_cpu else TOGETHER
-        for start in range(0, len(chunks), size):
-            yield from _together(chunks[start : start + size], threads, progress)
-        return
-    for i, columns in workers.each(_Chunk.columns, chunks):
-        yield chunks[i], columns
-        progress(len(chunks[i]))  # after the caller has stored the chunk
-
-
-def _together(
-    chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None]
-) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
-    """Chunks and their columns, evaluated together: a chunk is too little for many threads and for a GPU."""
-    from maglev_env.evaluation.evaluate import evaluate
-
-    experiments = [e for chunk in chunks for e in chunk.experiments()]
-    whole = _columns(evaluate(experiments, threads, progress, device=chunks[0].sweep.device))
-    bands, stop = whole.pop("bands"), 0
-    for chunk in chunks:
-        start, stop = stop, stop + len(chunk)
-        own = slice(start, stop)
-        yield chunk, {"bands": bands} | {name: column[own] for name, column in whole.items()}
-
-
 def _along(axis: Axis, unit: np.ndarray, log: bool) -> np.ndarray:
     if log:
         return axis.low * (axis.high / axis.low) ** unit
     return axis.low + (axis.high - axis.low) * unit
-
-
-_NAMES = {  # what stands before and behind the names of a field
-    "terms": ("term_", ""), "required": ("required_", ""), "required_low": ("required_", "_low"),
-    "required_high": ("required_", "_high"),
-}  # fmt: skip
-
-
-def _columns(e: Evaluation) -> dict[str, np.ndarray]:
-    """Every array of an evaluation under one flat name."""
-    columns: dict[str, np.ndarray] = {}
-    for f in fields(Evaluation):
-        value = getattr(e, f.name)
-        named = value if isinstance(value, dict) else {f.name: value}
-        head, tail = _NAMES.get(f.name, ("", ""))
-        columns |= {head + name + tail: array for name, array in named.items()}
-    return columns

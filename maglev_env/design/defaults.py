@@ -17,16 +17,17 @@ from maglev_env.rig.rig import Rig, axis_rig
 TOP, LOOP_TOP = 250.0, 2000.0  # highest force line and highest injection line, where the control rate allows them, Hz
 REACH = 0.05  # share of the clearance by which the excitations move the rotor; the force law is nearly linear there
 _EVERY = 5  # every fifth line belongs to the injection,
-SLOW = 20  # and up to this line every second: slow loops have all of their margins there
+SLOW = 20.0  # and up to this frequency (Hz) every second: slow loops have all of their margins there
+SPACING, FEWEST = 1.0, 25  # lines are so many Hz apart; nearer by halves where fewer would lie below the highest one
 
 
 def with_defaults(rig: Rig) -> Rig:
     """The rig with gains, bounds and protocol filled in where its TOML gives none.
 
     Gains are those of `default_gains`; bounds are those of their cards around those of x or of the only axis. The
-    protocol has five periods of 1 Hz. A force excites four of five lines up to 250 Hz, at 45 degrees on an x-y rig; on
-    a controlled rig an injection into the current excites every fifth line, below 20 Hz every second from 1 Hz, and
-    goes on to 2 kHz. Both together move the rotor by 5 % of its clearance.
+    protocol has five periods of 1 Hz, or of less below a control rate of 125 Hz. A force excites four of five lines up
+    to 250 Hz, at 45 degrees on an x-y rig; on a controlled rig an injection into the current excites every fifth line,
+    below 20 Hz every second from the first, and goes on to 2 kHz. Both together move the rotor by 5 % of its clearance.
 
     Raises:
         ValueError: No default gains stabilise the rig, its own gains leave it unstable, or nothing holds it, so that no
@@ -55,19 +56,30 @@ def _gains(rig: Rig) -> Controllers:
 
 
 def _protocol(rig: Rig) -> Protocol:
-    top = int(min(TOP, 0.2 * rig.control_rate))
+    highest, apart = min(TOP, 0.2 * rig.control_rate), _spacing(rig.control_rate)
+    top = int(highest / apart)
     lines = np.arange(1, top + 1)
-    free = np.where(lines < SLOW, lines % 2 == 1, lines % _EVERY == 0) & rig.controlled
+    free = np.where(lines * apart < SLOW, lines % 2 == 1, lines % _EVERY == 0) & rig.controlled
     turned = 45.0 if rig.axes == 2 else 0.0
-    parts = [Excitation("sphs", "force", lines=tuple(map(int, lines[~free])), direction=turned)]
+    parts = [Excitation("sphs", "force", apart, tuple(map(int, lines[~free])), direction=turned)]
     if rig.controlled:
-        beyond = np.geomspace(top, min(LOOP_TOP, 0.4 * rig.control_rate), 41)[1:]
+        beyond = np.geomspace(top, min(LOOP_TOP, 0.4 * rig.control_rate) / apart, 41)[1:]
         injected = np.unique(np.concatenate([lines[free], np.round(beyond)])).astype(int)
         for axis in range(rig.axes):  # x and y take alternate lines, so that the loop of each axis is seen separately
             own = tuple(map(int, injected[axis :: rig.axes]))
-            parts.append(Excitation("sphs", "current", lines=own, direction=90.0 * axis))
+            parts.append(Excitation("sphs", "current", apart, own, direction=90.0 * axis))
     share = REACH * rig.clearance / len(parts)
-    return Protocol(tuple(replace(part, amplitude=share / _reach(rig, part)) for part in parts))
+    protocol = Protocol(tuple(replace(part, amplitude=share / _reach(rig, part)) for part in parts))
+    nearer = 2.0 ** round(np.log2(apart / SPACING))  # bands hold as many lines, whatever lies between them
+    return replace(protocol, band_width=nearer * protocol.band_width, band_overlap=nearer * protocol.band_overlap)
+
+
+def _spacing(control_rate: float) -> float:
+    """Distance between lines, Hz: near SPACING, or a binary fraction of it; a period is a whole number of samples."""
+    apart = SPACING
+    while min(TOP, 0.2 * control_rate) / apart < FEWEST:
+        apart /= 2
+    return control_rate / round(control_rate / apart)
 
 
 def _reach(rig: Rig, part: Excitation) -> float:

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from maglev_env.kernel.simulate import Block, Gathered
 
 DEVICES = ("cpu", "cuda")
-TOGETHER = 64  # chunks that are simulated at a time on a GPU
+ON_GPU = 8192  # experiments that a GPU simulates at a time
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,13 @@ def require_device(device: str, sensor: str = "probe") -> str:
 def simulated_groups(
     chunks: Sequence[slice], prepared: Callable[[slice], list[Prepared]], device: str
 ) -> Iterator[list[tuple[slice, list[Prepared]]]]:
-    """Chunks of experiments with what was simulated of them on a GPU, TOGETHER at a time."""
+    """Chunks of experiments with what was simulated of them on a GPU, ON_GPU experiments at a time."""
     require_device(device)
     from maglev_env.kernel.gpu import gathered_on_gpu
 
-    for start in range(0, len(chunks), TOGETHER):
-        own = [(chunk, prepared(chunk)) for chunk in chunks[start : start + TOGETHER]]
+    together = max(1, ON_GPU // (chunks[0].stop - chunks[0].start))
+    for start in range(0, len(chunks), together):
+        own = [(chunk, prepared(chunk)) for chunk in chunks[start : start + together]]
         blocks = [block for _, parts in own for part in parts for block in part.blocks]
         of_block = {id(done.block): done for done in gathered_on_gpu(blocks)}
         yield [

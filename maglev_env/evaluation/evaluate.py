@@ -63,6 +63,12 @@ def evaluate(
     if not experiments:
         raise ValueError("give at least one experiment")
     rig = experiments[0].rig
+    for place in ("force", "current"):
+        if not lines_at(experiments[0].excitations, place).size:
+            raise ValueError(
+                f"rig {rig.name}: nothing is excited at the {place}, and a gain set is judged by lines at force and "
+                "current" + ("" if rig.controlled else "; nothing controls this rig: simulate and estimate a recording")
+            )
     goal = goal_of(rig)
     if targets is None:
         per_axis = [[score_target(axis_rig(rig, axis))] * len(experiments) for axis in range(rig.axes)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.kernel.layout import AXIS
-from maglev_env.kernel.simulate import Block, State, stretches
+from maglev_env.kernel.simulate import Block, State, put_lanes, stretches
 from maglev_env.loop.amplifier import X1, X2
 from maglev_env.loop.controller import RAW, U
 from maglev_env.loop.magnets.kinds import force_law
@@ -56,11 +56,11 @@ def simulated_events(
     """
     rig, count = blocks[0].experiment.rig, sum(len(block.members) for block in blocks)
     axes, rate = rig.axes, rig.control_rate
-    found = [np.full((count, 2, axes, n), np.nan) for n in (hover, *(e.samples for e in events))]
+    found = [np.empty((count, 2, axes, n)) for n in (hover, *(e.samples for e in events))]
 
     def run(block: Block) -> None:
         state = State(block)
-        found[0][block.members] = _followed(block, state, np.zeros(hover))
+        _follow(block, state, np.zeros(hover), found[0])
         hovering = state.rows.copy(), state.history.copy(), state.step
         for event, series in zip(events, found[1:], strict=True):
             force = np.full(event.samples, event.size if event.kind == "step" else 0.0)
@@ -70,22 +70,19 @@ def simulated_events(
                 state = _lying(block, event.size)
             else:
                 state.rows[:], state.history[:], state.step = hovering[0], hovering[1], hovering[2]
-            series[block.members] = _followed(block, state, force)
+            _follow(block, state, force, series)
 
     for _ in over_threads(run, blocks, threads):
         pass
     return found
 
 
-def _followed(block: Block, state: State, force: np.ndarray) -> np.ndarray:
-    """Displacement and current (members, 2, axes, samples) under a force (samples,) on every axis."""
-    n = len(block.members)
+def _follow(block: Block, state: State, force: np.ndarray, series: np.ndarray) -> None:
+    """Write displacement and current under a force (samples,) on every axis into the members of series, (n, 2, ...)."""
     still = np.zeros(state.axes * force.size)
-    series = np.full((n, 2, state.axes, force.size), np.nan)
     for out in stretches(block, state, [[np.tile(force, state.axes), still, still]]):
-        alive = state.alive()[:n]
-        series[alive] = out[:, :, [0, -1], :n].transpose(3, 2, 1, 0)[alive]
-    return series
+        put_lanes(out[:, :, [0, -1], : len(block.members)], series, block.members)
+    series[block.members[~state.alive()[: len(block.members)]]] = np.nan
 
 
 def _lying(block: Block, distance: float) -> State:
@@ -103,9 +100,7 @@ def _lying(block: Block, distance: float) -> State:
             state.axis_rows(at)[axis] = -force_law(axis_rig(rig, axis)).rest_current
     lying, per_axis = state.rows.copy(), row(AXIS)
     sample = [np.zeros(state.axes)] * 3
-    for _ in range(HELD):
-        for _ in stretches(block, state, [sample]):
-            pass
+    for _ in stretches(block, state, [sample] * HELD):
         for axis in range(state.axes):
             own = slice(axis * per_axis, (axis + 1) * per_axis)
             controller = state.rows[own][row(U) : row(RAW) + 1].copy()

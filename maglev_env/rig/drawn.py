@@ -14,9 +14,18 @@ def tolerance_factors(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
 
 
 def scaled_rig(rig: Rig, factors: Mapping[str, float]) -> Rig:
-    """The rig with parameters multiplied by factors, also those of single axes; parameters that are None stay None."""
+    """The rig with parameters multiplied by factors, also those of single axes; parameters that are None stay None.
+
+    What hangs below a single magnet hangs at the gap whatever it weighs: a stated bias current that no longer carries
+    the weight gives way to the one that does.
+    """
     changed = {name: getattr(rig, name) * factor for name, factor in factors.items() if getattr(rig, name) is not None}
-    scaled = with_parameters(rig, changed)
+    try:
+        scaled = with_parameters(rig, changed)
+    except ValueError:
+        if not rig.bias_current or "pair" in rig.capabilities:
+            raise
+        scaled = with_parameters(rig, {**changed, "bias_current": 0.0})
     if rig.axes == 2:  # an axis' own parameters vary with the rig's
         own = {axis: {n: v * factors.get(n, 1.0) for n, v in values.items()} for axis, values in rig.per_axis.items()}
         scaled = replace(scaled, per_axis=own)

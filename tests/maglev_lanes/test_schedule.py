@@ -23,13 +23,13 @@ from maglev_lanes import schedule
 from maglev_lanes.schedule import workers
 from maglev_workbench.cli import app
 from sim2real.blind.answer import answer_all
-from tuning import sweep as sweep_module
+from tuning import sweep_run as sweep_module
 from tuning.comparison.compare import compare
 from tuning.learned.training import Plan, train
 from tuning.learned.worlds import World
 from tuning.search.space_filling import Sobol
 from tuning.study.study import JOURNAL, run_study
-from tuning.sweep import run_sweep
+from tuning.sweep_run import run_sweep
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")

@@ -221,7 +221,7 @@ def test_a_full_disk_in_the_middle_of_the_work_says_how_to_go_on(tmp_path, monke
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("tuning.sweep.save_arrays", full)
+    monkeypatch.setattr("tuning.sweep_run.save_arrays", full)
     said = maglev("sweep", "--kp", "8000", "--out", tmp_path / "s", code=2)
     assert "No space left on device; nothing that was finished is lost: make room" in said
     monkeypatch.undo()

@@ -10,7 +10,7 @@ from maglev_env.rig.excitation import Excitation
 from maglev_env.task.task import Task
 from tuning.campaign.candidates import Prediction
 from tuning.campaign.disagreement import Disagreement
-from tuning.campaign.recorded_sets import GainSet, Shown
+from tuning.campaign.gain_set import GainSet, Shown
 from tuning.campaign.rig_fit import IdentifiedRig
 
 

@@ -8,11 +8,12 @@ import scipy
 
 from maglev_env.loop.gains import Gains
 from tuning.campaign.carried import DRAWS, Carried
+from tuning.campaign.gain_set import GainSet
 from tuning.campaign.model import (
-    EVENT_ERROR,
     RIGS,
     SEEN,
     Model,
+    event_error,
     figure,
     large,
     linear,
@@ -20,7 +21,6 @@ from tuning.campaign.model import (
     scored,
     terms_of,
 )  # fmt: skip
-from tuning.campaign.recorded_sets import GainSet
 from tuning.study.recommendation import DISPLACEMENT_SHARE, GAIN_MARGIN, PEAK_SENSITIVITY, PHASE_MARGIN
 from tuning.study.study import experiments
 
@@ -128,7 +128,7 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
     simulated = large(model, lanes, np.arange(n), None, alone=True)
     # The same errors for every point: a search that knew none would stop right at the limits of large signals.
     rng = np.random.default_rng(173205)
-    factors = {k: np.exp(SEEN.get(k, EVENT_ERROR) * rng.permutation(NORMAL)) for k in simulated}
+    factors = {k: np.exp(SEEN.get(k, event_error(k)) * rng.permutation(NORMAL)) for k in simulated}
     factors["displacement"] = factors["peak_displacement"]
     found = np.zeros(n)
     for i, point in enumerate(points):

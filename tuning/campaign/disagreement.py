@@ -12,7 +12,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.corrected import corrected_rig
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence
-from tuning.campaign.recorded_sets import GainSet
+from tuning.campaign.gain_set import GainSet
 
 EXPLAINED = "explained"
 

@@ -14,8 +14,8 @@ from tuning.campaign.advice import Advice, stopped
 from tuning.campaign.candidates import predict
 from tuning.campaign.carried import carried
 from tuning.campaign.disagreement import Disagreement
+from tuning.campaign.gain_set import GainSet, shown
 from tuning.campaign.model import Model, event_current, model_of
-from tuning.campaign.recorded_sets import GainSet, shown
 from tuning.campaign.rig_fit import IdentifiedRig, fit_rig
 from tuning.campaign.steps import asked_by_diagnosis, onward
 

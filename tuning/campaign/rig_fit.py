@@ -14,7 +14,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import WIDE, log_spread, wide_factors
-from tuning.campaign.recorded_sets import GainSet
+from tuning.campaign.gain_set import GainSet
 from tuning.search.corrected.parameters import DELAY_SPREAD, FACTORS, fitted_rig, most_delay, seen_in_loop
 
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line

@@ -69,7 +69,8 @@ def sweep(
     from maglev_env.evaluation.devices import require_device
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig import load_rig
-    from tuning.sweep import Sweep, default_axes, run_sweep
+    from tuning.sweep import Sweep, default_axes
+    from tuning.sweep_run import run_sweep
 
     loaded = load_rig(rig)
     if not loaded.controlled:

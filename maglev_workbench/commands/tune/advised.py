@@ -1,4 +1,4 @@
-"""Beside recommended gains: those that stay, ends of ranges, and what rigs within tolerance miss."""
+"""Gains in words, and beside recommended ones: those that stay, ends of ranges, and what rigs within tolerance miss."""
 
 from collections.abc import Mapping
 from math import isfinite
@@ -6,14 +6,23 @@ from math import isfinite
 import numpy as np
 
 from maglev_env.evaluation.goal_score import misses
-from maglev_env.loop.gains import NO_CONTROLLER, gain_values, of_axis
+from maglev_env.loop.gains import NO_CONTROLLER, gain_values, of_axis, unit_of_gain
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
+from maglev_workbench.commands.tune.next_recording import digits
 from maglev_workbench.goal_page import PREFIX
 from maglev_workbench.page import number
 
 AT_END = 0.005  # of a range, within which a gain stands at its end
+
+
+def gains_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
+    """The gains of a point of the box, in SI."""
+    return ", ".join(
+        f"{n} = {digits(g)} {unit_of_gain(n)}".strip()
+        for n, g in zip(task.box.names, task.box.gains(point), strict=True)
+    )
 
 
 def kept_gains(task: Task | RotorGoalTask) -> dict[str, float]:
@@ -64,3 +73,12 @@ def tolerance_in_words(task: Task | RotorGoalTask, goal: Goal, required: Mapping
     return f" Some rigs within its tolerance miss {', '.join(words)}" + (
         "." if already else f": {out} to meet it there."
     )
+
+
+def unstated_noise(task: Task | RotorGoalTask, goal: Goal) -> str:
+    """A sentence where a goal asks for a noise current, and the rig states no noise of what its controller reads."""
+    if isinstance(task, RotorGoalTask) or task.rig.noise.displacement or task.sensor != "probe":
+        return ""
+    if all(r.name != "noise_current" for r in goal.measured):
+        return ""
+    return " The rig states no [noise] of its displacement: the noise current is that of its converters alone."

@@ -28,7 +28,7 @@ from maglev_workbench.page import (
 )
 from tuning.campaign.advice import Advice
 from tuning.campaign.candidates import Prediction
-from tuning.campaign.recorded_sets import Shown
+from tuning.campaign.gain_set import Shown
 
 if TYPE_CHECKING:
     import rich.table

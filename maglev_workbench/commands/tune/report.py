@@ -13,18 +13,22 @@ from maglev_env.rig.goal import Goal
 from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
-from maglev_workbench.commands.tune.advised import ends_in_words, kept_gains, misses_within, tolerance_in_words
+from maglev_workbench.commands.tune.advised import (
+    ends_in_words,
+    gains_in_words,
+    kept_gains,
+    misses_within,
+    tolerance_in_words,
+    unstated_noise,
+)
+from maglev_workbench.commands.tune.figures import course_figure, where_figure
 from maglev_workbench.commands.tune.next_recording import digits
 from maglev_workbench.page import (
-    COLOURS,
-    STAR,
     effects_in_words,
-    labelled_axis,
     note,
     number,
     page,
     rig_facts,
-    styled,
     table,
 )
 from tuning.study.recommendation import Recommendation, Verdict
@@ -36,7 +40,6 @@ if TYPE_CHECKING:
 
 BEST = 8
 LEAST_SHOWN = 0.001  # of a score, whose spread by noise is not shown below
-ABREAST = 3  # pairs of gains beside each other
 IDENTIFIED = (  # of every experiment, in SI, where it is known
     "stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high",
     "peak_sensitivity", "phase_margin", "gain_margin_low", "gain_margin_high", "peak_displacement", "current_rms",
@@ -64,19 +67,11 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     )
     if goal := task.layout.goal:
         text += f" On this rig it {goal_page.missed_in_words(goal, c.required)}."
-        text += tolerance_in_words(task, goal, c.required)
+        text += tolerance_in_words(task, goal, c.required) + unstated_noise(task, goal)
     text += ends_in_words(task, c.point)
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
     return text
-
-
-def gains_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
-    """The gains of a point of the box, in SI."""
-    return ", ".join(
-        f"{n} = {digits(g)} {unit_of_gain(n)}".strip()
-        for n, g in zip(task.box.names, task.box.gains(point), strict=True)
-    )
 
 
 def gain_heads(names: Sequence[str]) -> list[str]:
@@ -187,70 +182,6 @@ def tune_json(
 def _box(task: Task | RotorGoalTask) -> tuple[Iterable[Any], ...]:
     """Names of the gains, their bounds, and whether a tuner sees them on a logarithmic scale."""
     return task.box.names, task.box.low, task.box.high, task.box.log.tolist()
-
-
-def course_figure(task: Task, found: Outcome) -> "Figure":
-    """Score of every experiment in order with its gains on hover, and the best so far."""
-    import plotly.graph_objects as go
-
-    t, text = found.trials, _hover(task, found)
-    at = np.arange(1, len(t) + 1)
-    figure = go.Figure()
-    figure.add_scatter(x=at, y=t.score, mode="markers", name="experiment", marker={"color": COLOURS[0]},
-                       text=text, hoverinfo="text")  # fmt: skip
-    figure.add_scatter(
-        x=at, y=np.maximum.accumulate(t.score), mode="lines", name="best so far",
-        line={"color": COLOURS[1], "shape": "hv"},
-    )  # fmt: skip
-    down = np.flatnonzero(t.touchdown)
-    marker = {"symbol": "x", "color": STAR, "size": 10}
-    shown = {"name": "touchdown", "marker": marker, "text": [text[i] for i in down], "hoverinfo": "text"}
-    figure.add_scatter(x=at[down], y=t.score[down], mode="markers", **shown)
-    figure.update_xaxes(title_text="experiment")
-    figure.update_yaxes(title_text="score", range=[-0.03, 1.03])
-    return styled(figure, 380)
-
-
-def _hover(task: Task | RotorGoalTask, found: Outcome) -> list[str]:
-    """What every experiment was and gave, for its points."""
-    t = found.trials
-    return [
-        f"experiment {i + 1}: score {score:.3f}<br>{gains_in_words(task, point).replace(', ', '<br>')}"
-        for i, (point, score) in enumerate(zip(t.points, t.score, strict=True))
-    ]
-
-
-def where_figure(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) -> "Figure":
-    """Scatter plots of each pair of tried gains, coloured by score; a star marks the recommended ones."""
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    names, gains, t = task.box.names, task.box.gains(found.trials.points), found.trials
-    text, titles = _hover(task, found), [f"{name}, {unit_of_gain(name)}".removesuffix(", ") for name in names]
-    pairs = [(a, b) for a in range(len(names)) for b in range(a + 1, len(names))] or [(0, 0)]
-    columns = min(len(pairs), ABREAST)
-    rows = -(-len(pairs) // columns)
-    figure = make_subplots(rows, columns, horizontal_spacing=0.1, vertical_spacing=0.25 / rows)
-    for i, (a, b) in enumerate(pairs):
-        row, column = i // columns + 1, i % columns + 1
-        marker = {"color": t.score, "colorscale": "Viridis", "cmin": 0, "cmax": 1, "showscale": i == len(pairs) - 1}
-        marker["colorbar"] = {"title": {"text": "score"}}
-        figure.add_trace(
-            go.Scatter(
-                x=gains[:, a], y=gains[:, b], mode="markers", marker=marker, showlegend=False, text=text,
-                hoverinfo="text",
-            ), row, column,
-        )  # fmt: skip
-        if advice.chosen:
-            g = task.box.gains(advice.chosen.point)
-            star = {"symbol": "star", "size": 15, "color": STAR}
-            chosen = {"text": f"recommended<br>{gains_in_words(task, advice.chosen.point)}", "hoverinfo": "text"}
-            figure.add_trace(
-                go.Scatter(x=[g[a]], y=[g[b]], mode="markers", marker=star, showlegend=False, **chosen), row, column
-            )
-        for axis, j in ((figure.update_xaxes, a), (figure.update_yaxes, b)):
-            axis(**labelled_axis(titles[j], gains[:, j], bool(task.box.log[j])), row=row, col=column)
-    return styled(figure, 380 * rows)
 
 
 def _best_rows(task: Task | RotorGoalTask, found: Outcome) -> list[tuple[str, ...]]:

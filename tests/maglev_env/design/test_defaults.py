@@ -18,6 +18,7 @@ from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.protocol import Protocol
 from maglev_env.rig.rig import Noise, Rig, axis_rig, load_rig, with_parameters
+from maglev_env.task.task import make_task
 
 
 def bare(rig, **changes):
@@ -158,3 +159,15 @@ def test_the_protocol_shows_the_margins_of_a_levitated_rotor(name):
 def test_the_protocol_shows_the_margins_of_a_rotor_on_springs():
     for peak, (low, high), exact in margins_of(with_defaults(replace(RADIAL, support_stiffness=6e4))):
         assert peak == pytest.approx(exact, rel=0.1) and 0.95 * low < exact < 1.05 * high
+
+
+@pytest.mark.parametrize("rate, apart", [(49.0, 0.25), (100.0, 0.5), (961.5385, 0.9995), (8333.3333, 1.0)])
+def test_slow_and_odd_control_rates_have_lines_enough_to_be_tuned(rate, apart):
+    magnet = Rig("magnet", "magnet_coil", 0.016, gap=60e-3, force_constant=2e-6, force_exponent=4.0, control_rate=rate)
+    protocol = make_task(replace(magnet, noise=QUIET)).rig.protocol  # refuses too few lines
+    samples = rate / protocol.excitations[0].fundamental
+    assert samples == pytest.approx(round(samples), abs=1e-6)
+    assert protocol.excitations[0].fundamental == pytest.approx(apart, rel=1e-3)
+    force, injection = protocol.excitations
+    assert 0 < protocol.band_width <= force.frequencies[-1] - force.frequencies[0]
+    assert not set(force.lines) & set(injection.lines) and injection.frequencies[-1] <= 0.41 * rate

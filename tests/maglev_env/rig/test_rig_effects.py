@@ -18,7 +18,8 @@ from maglev_env.loop.effect import EFFECTS, effect
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml, with_parameters
 from tuning.axis import Axis
-from tuning.sweep import Sweep, run_sweep
+from tuning.sweep import Sweep
+from tuning.sweep_run import run_sweep
 
 OWN = "\n[effects.delay]\ntime = 7.5e-5\n\n[effects.eddy_current]\ncorner_hz = 900.0\n"
 DELAY, EDDY = effect("delay", 7.5e-5), effect("eddy_current", 900.0)

@@ -14,8 +14,11 @@ from maglev_env.envs.sb3 import SB3VecEnv
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml
+from maglev_env.rig.rig import Rig, axis_rig, load_rig, rig_from_toml
 from maglev_env.task.episodes import WIDE, draw_episode, wide_factors
 from maglev_env.task.gain_box import gain_box
 from maglev_env.task.protocol import env_protocol
@@ -105,6 +108,20 @@ def test_the_quick_protocol_measures_the_same_in_an_eighth_of_the_time(name):
         assert 2 < errors[1] / errors[0] < 6
 
 
+@pytest.mark.parametrize("name", ["hmb_axial", "pedestal"])
+def test_the_quick_protocol_of_a_rig_that_nothing_controls_excites_its_force_alone(name):
+    rig = load_rig(name)
+    quick = env_protocol(rig, "quick")
+    assert [e.at for e in quick.excitations] == ["force"]
+    ends = [lines_at(p.excitations, "force")[-1] * p.excitations[0].fundamental for p in (rig.protocol, quick)]
+    assert ends[1] == pytest.approx(ends[0], rel=0.06)
+    assert np.isfinite(simulate_records([protocol_experiment(replace(rig, protocol=quick))])[0]).all()
+    with pytest.raises(ValueError, match=f"{name}: nothing is excited at the current.*estimate a recording"):
+        evaluate([protocol_experiment(rig)])
+    with pytest.raises(ValueError, match="excitation at the force"):
+        env_protocol(replace(rig, protocol=None), "quick")
+
+
 def test_observations_say_what_the_info_says():
     task = make_task("hmb_free", protocol="quick", draw_target=True)
     episode = task.draw(np.random.default_rng(0))
@@ -174,3 +191,15 @@ def test_two_axes_are_tuned_together_and_judged_by_the_worse():
     experiment = task.experiment(episode, task.box.gains(episode.start), 0)
     assert experiment.rig.axes == 2 and experiment.gains.kp == task.box.gains(episode.start)[0]
     assert task.target == score_target(axis_rig(load_rig("hmb_radial"), 0))
+
+
+def test_a_drawn_ball_is_carried_whatever_it_weighs():
+    """The bias of a single magnet that states its geometry too carries one weight; another one had been an error."""
+    own = {"mass": 0.0583, "gap": 0.011, "turns": 1200, "pole_area": 1.8878923e-4, "bias_current": 0.9}
+    ball = Rig("ball", "electromagnet", clearance=8e-3, control_rate=1000.0, tolerance={"mass": 0.05}, **own)
+    drawn = scaled_rig(ball, {"mass": 1.1, "actuator_gain": 0.9})
+    assert force_law(drawn).rest_current == pytest.approx(0.9 * np.sqrt(1.1), rel=1e-3)
+    assert scaled_rig(ball, {"mass": 1.001}).bias_current == 0.9
+    assert len({make_task(ball, randomization="wide").draw(np.random.default_rng(i)).rig.mass for i in range(9)}) == 9
+    with pytest.raises(ValueError, match="gap"):
+        scaled_rig(ball, {"gap": -1.0})

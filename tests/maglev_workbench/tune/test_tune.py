@@ -1,6 +1,7 @@
 """`maglev tune` as a user runs it."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -9,9 +10,11 @@ import pytest
 from command_line import maglev
 
 from maglev_env.design.controllers import with_controller
+from maglev_env.rig.goal import parse_goal
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.gain_box import gain_box
-from maglev_workbench.commands.tune.report import where_figure
+from maglev_workbench.commands.tune.advised import unstated_noise
+from maglev_workbench.commands.tune.figures import where_figure
 from tuning.study.recommendation import Recommendation
 from tuning.tuner import Trials
 
@@ -74,3 +77,12 @@ def test_a_folder_of_another_study_is_refused(tmp_path):
     run("--budget", 1, *QUICK, "--out", tmp_path / "s")
     assert "another seed" in run("--budget", 1, "--seed", 1, *QUICK, "--out", tmp_path / "s", code=2)
     assert "another method" in run("--budget", 1, "--method", "sobol", *QUICK, "--out", tmp_path / "s", code=2)
+
+
+def test_a_noise_current_without_stated_noise_is_said_to_be_the_converters_alone():
+    rig = load_rig("hmb_free")
+    goal = parse_goal("peak_sensitivity <= 3, best noise_current near 0.02")
+    for noise, words in ((rig.noise, ""), (replace(rig.noise, displacement=0.0), "of its converters alone")):
+        task = SimpleNamespace(rig=replace(rig, noise=noise), sensor="probe")
+        assert words in (said := unstated_noise(task, goal)) and bool(said) == bool(words)
+    assert unstated_noise(task, parse_goal("peak_sensitivity <= 3")) == ""

@@ -27,9 +27,10 @@ from tuning.campaign import steps as module
 from tuning.campaign.candidates import Value
 from tuning.campaign.carried import carried
 from tuning.campaign.disagreement import Disagreement, diagnosing
+from tuning.campaign.gain_set import GainSet, Response, pooled
 from tuning.campaign.model import RIGS, SEEN, figure, large, model_of
 from tuning.campaign.next_step import next_step, tuning_task
-from tuning.campaign.recorded_sets import GainSet, Response, pooled, recorded_sets
+from tuning.campaign.recorded_sets import recorded_sets
 from tuning.campaign.rig_fit import fit_rig, measured_sensitivity
 from tuning.lockstep import optima, rescored
 from tuning.study.study import experiments

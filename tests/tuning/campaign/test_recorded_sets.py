@@ -4,7 +4,7 @@ import pytest
 from campaigns import campaign
 
 from maglev_env.recordings.campaign import load_campaign
-from tuning.campaign import recorded_sets as module
+from tuning.campaign import lines_shown as module
 from tuning.campaign.recorded_sets import recorded_sets
 
 

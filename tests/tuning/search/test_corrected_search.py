@@ -1,8 +1,11 @@
 """The model-corrected tuner: its linear model, its fit, what it carries, and what it makes of single effects."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from estimation.normal import NORMAL_95
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import effect
@@ -14,7 +17,7 @@ from tuning.search.corrected.discrepancy import Discrepancy
 from tuning.search.corrected.fit import fitted
 from tuning.search.corrected.loops import LineModel
 from tuning.search.corrected.parameters import Parameters
-from tuning.search.corrected.tuner import ModelCorrected
+from tuning.search.corrected.tuner import ModelCorrected, _relative_error
 from tuning.study.study import experiments
 
 TASK = make_task(protocol="quick", randomization="wide")
@@ -64,6 +67,26 @@ def test_a_reading_that_its_neighbours_contradict_is_doubted():
     found.learn(ratios)
     mean, _ = found.at(points, ratios[None])
     assert abs(mean[0] - 0.02).max() < 0.1
+
+
+def test_how_ample_a_gain_margin_reads_is_not_carried_to_small_ones():
+    """Of 120 modelled 20 were read: carried as a factor of 6 that forbade gains with a margin of 2.6."""
+    task = make_task(protocol="quick", goal="gain_margin >= 1.2, phase_margin >= 20, best compliance near 40e-6")
+    episode = Episode(task.rig, task.target, PRESET, 5)
+    trials = experiments(task, [episode], PRESET[None], 1)
+    ratios = {}
+    for read, low in ((trials.info[0]["required_gain_margin"], None), (30.0, 9.0), (1.5, 1.4)):
+        one = {**trials.info[0], "required_gain_margin": read}
+        one["required_gain_margin_low"] = read if low is None else low
+        one.pop("required_gain_margin_high", None)
+        tuner = ModelCorrected(task, episode, 0)
+        tuner.tell(replace(trials, info=(one,)))
+        tuner.ask(1)
+        ratios[read] = tuner._ratios["gain_margin"][0, 0]
+    seen, ample, small = ratios.values()
+    assert abs(seen) < 0.05 and abs(ample) < 0.05 and small < -0.5
+    assert _relative_error({"x": 2.0, "x_low": 1.0}, "x") == pytest.approx(0.5 / NORMAL_95)
+    assert _relative_error({"x": 2.0, "x_low": 1.0, "x_high": 2.5}, "x") == pytest.approx(0.375 / NORMAL_95)
 
 
 @pytest.mark.slow

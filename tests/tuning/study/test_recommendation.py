@@ -8,6 +8,7 @@ from scipy import stats
 
 from maglev_env.task.task import make_task
 from tuning.search.rule import DissertationRule
+from tuning.study import recommendation
 from tuning.study.recommendation import PEAK_SENSITIVITY, recommend, verdict_of
 from tuning.study.study import experiments
 from tuning.tuner import Trials
@@ -44,7 +45,16 @@ def test_gains_at_the_border_are_refused_with_the_reason():
     assert worst > PEAK_SENSITIVITY
 
 
-def test_copies_of_refused_gains_do_not_take_the_place_of_others():
+def test_a_lucky_reading_is_not_recommended():
+    trials = tried((8000, 2000, 5.2), (9000, 2000, 5.2), (7000, 2000, 5.2))
+    lucky = replace(trials, score=np.array([0.9, 0.99, 0.95]))
+    found = recommend(NOMINAL, EPISODE, lucky, seed=0)
+    np.testing.assert_array_equal(found.chosen.point, trials.points[0])
+    assert found.chosen.score > 0.97 and not found.refused
+
+
+def test_copies_of_refused_gains_do_not_take_the_place_of_others(monkeypatch):
+    monkeypatch.setattr(recommendation, "FINALISTS", 1)  # the stated scores are not what these gains reach
     copies, sound = [(14000 + n, 2000, 2.2) for n in range(9)], (8000, 2000, 5.2)
     trials = tried(*copies, sound)
     trials = replace(trials, score=np.array([*np.linspace(0.99, 0.98, 9), 0.5]))

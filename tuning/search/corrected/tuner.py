@@ -25,6 +25,9 @@ AGAIN = 1.5  # refit when the data have grown by a half
 NOISE = {"stiffness": (0.002, 0.1), "damping": (0.005, 0.2), "peak_sensitivity": (0.006, 0.1),
          "peak_displacement": (0.015, 0.3), "current_rms": (0.002, 0.1)}  # fmt: skip
 OTHER = (0.02, 0.2)  # of what a goal measures besides
+# Times a requirement's limit, beyond which a gain margin is only known to be ample: the loop's gain is so small where
+# it crosses the real axis that noise decides where, and what is read over what is modelled says nothing of small ones.
+AMPLE = 3.0
 CANDIDATES, EVENTS = 180, 48  # points of a round of the search, fewer where their events are simulated
 ROUNDS, CENTRES, TRIED = 4, 3, 24  # rounds, points around which the next one looks, and points looked at for these
 WIDTH, NARROWER = 0.35, 0.3  # of the box's half width: half the edge of a round's cubes, and its share in the next
@@ -58,6 +61,8 @@ class ModelCorrected:
         self._thetas, self._due = self._parameters.centre[None], 1
         names = [r.name for r in self._goal.measured] if self._goal else list(NOISE)
         self._names = {n: n if self._goal is None else f"required_{n}" for n in names}
+        required = self._goal.requirements if self._goal else ()
+        self._ample = {r.name: AMPLE * r.limit for r in required if r.name == "gain_margin" and r != self._goal.best}
         self._events = [r.name for r in self._goal.measured if r.quantity.event] if self._goal else []
 
     def ask(self, n: int) -> np.ndarray:
@@ -98,8 +103,9 @@ class ModelCorrected:
         row = np.arange(len(points))
         for name, key in self._names.items():
             measured = np.array([i.get(key, np.nan) for i in infos], float)
+            most = self._ample.get(name, np.inf)
             with np.errstate(divide="ignore", invalid="ignore"):
-                ratios = np.log(measured) - np.log(modelled[name][:, axes, row])
+                ratios = np.log(np.minimum(measured, most)) - np.log(np.minimum(modelled[name][:, axes, row], most))
             noise, constant = NOISE.get(name, OTHER)
             self._ratios[name] = np.where(np.isfinite(ratios), ratios, np.nan)
             spread = np.hypot(noise, [_relative_error(i, key) for i in infos])
@@ -178,8 +184,12 @@ class ModelCorrected:
 
 
 def _relative_error(info: Mapping[str, Any], name: str) -> float:
-    """Relative standard deviation of a quantity whose 95 % interval an experiment tells; 0 where it tells none."""
+    """Relative standard deviation of a quantity whose 95 % interval an experiment tells; 0 where it tells none.
+
+    Of a gain margin that noise may have no crossing of, only the lower end is known.
+    """
     low, high = (info.get(f"{name}_{end}", np.nan) for end in ("low", "high"))
     value = abs(info.get(name, np.nan))
-    error = (high - low) / (2 * NORMAL_95 * value) if value else np.nan
+    half = (high - low) / 2 if np.isfinite(high) else value - low
+    error = half / (NORMAL_95 * value) if value else np.nan
     return float(error) if np.isfinite(error) else 0.0

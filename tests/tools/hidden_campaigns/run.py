@@ -1,0 +1,129 @@
+"""Rigs hidden behind `maglev tune --campaign`: it proposes, another integrator records, and its claims are judged.
+
+    python tests/tools/hidden_campaigns/run.py OUT [--count 15] [--seed 1] [--tree TREE] [--again] [--read]
+
+OUT/000 .. hold the campaign, what was said after each recording, and judged.json: whether the rotor touched down, and
+each requirement's claimed interval beside what the hidden rig does. --again judges anew what was said; --read shows it.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import tomllib
+from pathlib import Path
+
+import numpy as np
+from draws import drawn
+from rigs import record
+from truth import truth
+
+from maglev_env.rig.goal import parse_goal
+
+MOST = 8  # recordings of a campaign
+
+
+def campaign(folder, seed, index, tree):
+    """One campaign to its end; its touchdowns, or what went wrong in words."""
+    hidden, toml, _ = drawn(seed, index)
+    rng = np.random.default_rng([7, seed, index])
+    folder.mkdir(parents=True, exist_ok=True)
+    if toml:
+        (folder / "rig.toml").write_text(toml)
+    text = f'schema = "maglev-campaign/1"\nrig = "{"rig.toml" if toml else "hmb_free"}"\n'
+    (folder / "campaign.toml").write_text(text)
+    downs = 0
+    for turn in range(MOST + 2):
+        data = folder / f"said{turn}.json"
+        environment = os.environ | {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
+        done = subprocess.run(
+            ["maglev", "tune", "--campaign", folder, "--goal", "engineer", "--budget", str(MOST), "--json", data],
+            env=environment, capture_output=True, text=True,
+        )  # fmt: skip
+        (folder / f"said{turn}.txt").write_text(done.stdout + done.stderr)
+        if done.returncode:
+            return done.stderr[-300:]
+        if json.loads(data.read_text())["stop"]:
+            return downs
+        block = tomllib.loads((folder / "tune" / "next.toml").read_text())["recording"][0]
+        downs += record(folder, hidden, block, rng)
+        text += "\n" + (folder / "tune" / "next.toml").read_text()
+        (folder / "campaign.toml").write_text(text)
+    return "it never stopped"
+
+
+def judged(folder, seed, index, downs):
+    """The last claim of a campaign beside what its hidden rig does."""
+    hidden, _, name = drawn(seed, index)
+    turn = max(int(p.stem.removeprefix("said")) for p in folder.glob("said*.json"))
+    said = json.loads((folder / f"said{turn}.json").read_text())
+    row = {"name": name, "stop": said["stop"], "recordings": turn, "touchdowns": downs, "notes": said["notes"]}
+    if said["keep"] is None:
+        return row | {"kept": False}
+    goal, block = (
+        parse_goal(said["made_by"]["goal"]),
+        tomllib.loads((folder / "campaign.toml").read_text())["recording"][0],
+    )
+    own = truth(hidden, said["keep"], block, goal, np.random.default_rng([8, seed, index]))
+    claim, values = said["claim"], {}
+    for r in goal.measured:
+        v, true = claim["values"][r.name], own[r.name]
+        met = true <= r.limit if r.quantity.most else true >= r.limit
+        inside = v["low"] <= true <= v["high"] if None not in (v["low"], v["high"]) else None
+        values[r.name] = {
+            "limit": r.limit, "claim": [v["value"], v["low"], v["high"]], "true": true, "met": bool(met), "in": inside,
+        }  # fmt: skip
+    return row | {"kept": True, "missed": claim["missed"], "unsure": claim["unsure"], "values": values}
+
+
+def shown(row):
+    if "error" in row or not row["kept"]:
+        return f"{row['name']:24} {row.get('error') or row['stop']}"
+    values = row["values"].items()
+    missed = [n for n, v in values if not v["met"]]
+    out = [f"{n} {v['claim'][1]:.3g}..{v['claim'][2]:.3g} true {v['true']:.3g}" for n, v in values if v["in"] is False]
+    return (
+        f"{row['name']:24} {row['recordings']} recordings, {row['touchdowns']} touchdowns; truly missed "
+        f"{', '.join(missed) or 'nothing'} (claimed {', '.join(row['missed']) or 'nothing'}); in interval "
+        f"{sum(v['in'] is not False for _, v in values)} of {len(values)}; {'; '.join(out)}"
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--count", type=int, default=15)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--tree", type=Path, default=Path(__file__).parents[3])
+    parser.add_argument("--again", action="store_true")
+    parser.add_argument("--read", action="store_true")
+    options = parser.parse_args()
+    rows = []
+    for index in range(options.count):
+        folder = options.out / f"{index:03d}"
+        path = folder / "judged.json"
+        if options.again and path.exists():
+            downs = json.loads(path.read_text()).get("touchdowns", 0)
+            path.write_text(json.dumps(judged(folder, options.seed, index, downs), indent=1))
+        elif not path.exists() and not options.read:
+            end = campaign(folder, options.seed, index, options.tree.resolve())
+            wrong = {"name": drawn(options.seed, index)[2], "error": end}
+            row = wrong if isinstance(end, str) else judged(folder, options.seed, index, end)
+            path.write_text(json.dumps(row, indent=1))
+        if not path.exists():
+            continue
+        rows.append(json.loads(path.read_text()))
+        print(f"{index:03d} {shown(rows[-1])}", flush=True)
+    kept = [r for r in rows if r.get("kept")]
+    every = [v for r in kept for v in r["values"].values() if v["in"] is not None]
+    if kept:
+        met = sum(all(v["met"] for v in r["values"].values()) for r in kept)
+        print(
+            f"{len(rows)} cases, {len(kept)} kept gains; truly met {met}; in interval "
+            f"{sum(v['in'] for v in every)} of {len(every)}; recordings median "
+            f"{np.median([r['recordings'] for r in kept]):g}; touchdowns {sum(r.get('touchdowns', 0) for r in rows)}"
+        )
+
+
+if __name__ == "__main__":
+    main()
