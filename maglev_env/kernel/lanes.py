@@ -185,7 +185,7 @@ def _fill(
     if structure.flexible:
         second_body.fill(x, values, body_maps(values, h))
         amplifier.fill(x, values, h)
-        actuator.fill(x, values)
+        actuator.fill(x, values, h)
         sensor.fill_tones(x, values, h, axis)
         external.fill(x, values, h)
     for block in further.BLOCKS if structure.further else ():

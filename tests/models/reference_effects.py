@@ -1,6 +1,6 @@
 """A slow simulator of every effect, written from the effects' equations alone, with scipy's integrator."""
 
-from math import copysign, cos, exp, pi, sin, sqrt
+from math import copysign, cos, exp, hypot, pi, sin, sqrt
 from operator import mul
 
 import numpy as np
@@ -61,6 +61,7 @@ class FullAxis(Axis):
             self.magnets = saturated_law(rig, value("saturation"), value("saturation", "sharpness"), *changes)
         self.knees = [value("saturation", key) for key in ("current", "command", "sharpness")]
         self.power, self.unloading = value("hysteresis", "power"), value("hysteresis", "unloading")
+        self.ripple = value("hysteresis", "ripple")
         self.static, self.stribeck = value("friction", "static"), value("friction", "stribeck")
         self.feedback = value("amplifier_lag", "feedback")
         self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
@@ -170,8 +171,8 @@ class FullAxis(Axis):
             source = x[j]
         slopes += [rate_k * (source - z) for rate_k, z in zip(self.rates, x[self.branch : self.held], strict=True)]
         z, toward = x[self.held], 1.0 if rate > 0 else -1.0
-        turned = 1 - abs(z) ** self.power if z * toward > 0 else 1 + self.unloading * abs(z) ** self.power
-        slopes.append(rate * turned / self.width)
+        back = z * abs(z) ** (self.power - 1) * (1.0 if z * toward > 0 else self.unloading)
+        slopes.append((rate - hypot(rate, self.ripple) * back) / self.width)  # ripple goes its way to and fro
         frequency, damping, coupling = self.mount
         turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
         driven = -coupling * bearing / self.mass if frequency else 0.0

@@ -237,6 +237,12 @@ def test_hysteresis_takes_its_share_of_a_small_current():
     np.testing.assert_allclose(held.amplifier, plain.amplifier, rtol=1e-9)
 
 
+def test_under_ripple_hysteresis_takes_its_share_of_a_fast_current_alone():
+    held = loop_response(of(effects=effect("hysteresis", 0.2, width=0.05, ripple=20.0)), LINES)
+    lag = 0.05 / 20.0 * 2j * np.pi * LINES
+    np.testing.assert_allclose(held.plant, (1 - 0.2 * lag / (1 + lag)) * loop_response(of(), LINES).plant, rtol=1e-9)
+
+
 @pytest.mark.parametrize("offset", [0.0, 8e-5])
 @pytest.mark.parametrize("saturation", [0.5, 0.8, np.inf])
 @pytest.mark.parametrize(
