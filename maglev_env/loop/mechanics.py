@@ -73,9 +73,13 @@ EFFECTS: Mapping[str, EffectCard] = {
             "frequency": RESONANCE_FREQUENCY,
             "damping_ratio": RESONANCE_DAMPING,
             "mass_ratio": Parameter("", 0.0, 2.0, 0.05, scale=0.02, starts=(0.01,)),
+            # A further body is looked for at every frequency, as the first one is.
+            "further_ratio": Parameter("", 0.0, 2.0, 0.0, shape=2.0, centre=0.005),
+            "further_frequency": Parameter("", 0.05, 20.0, 2.5, shape=1.0, starts=tuple(np.geomspace(0.15, 7.0, 28))),
+            "further_damping": Parameter("", 1e-3, 0.7, 0.02, shape=1.0, starts=(0.07,)),
         },
         "a second body on a spring on the mover (a support that gives way, a rotor that bends); frequency: that of the "
-        "second body while the mover is fixed",
+        "second body while the mover is fixed; in another form a further body, its frequency as a multiple of the first",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
@@ -94,7 +98,8 @@ EFFECTS: Mapping[str, EffectCard] = {
 
 MOTION = ("position", "velocity")
 BODY = ("body", "body_velocity")  # of the second body, relative to the mover
-STATES = ("bristle", *BODY)
+FURTHER = ("further_body", "further_velocity")  # of one more
+STATES = ("bristle", *BODY, *FURTHER)
 
 
 def support(system: System, values: Values) -> np.ndarray:
@@ -121,7 +126,7 @@ def support(system: System, values: Values) -> np.ndarray:
 
 
 def motion(system: System, values: Values, acceleration: np.ndarray) -> None:
-    """Write the rotor's equations of motion, and those of the second body.
+    """Write the rotor's equations of motion, and those of the bodies on it.
 
     Args:
         system: with all of MOTION and STATES.
@@ -129,32 +134,45 @@ def motion(system: System, values: Values, acceleration: np.ndarray) -> None:
         acceleration: signal of the rotor's acceleration by bearing and held force, m per unit of time squared.
     """
     system.integrate(MOTION)
-    system.put(MOTION[1], second_body(system, values, acceleration))
+    system.put(MOTION[1], with_bodies(system, values, acceleration))
 
 
-def second_body(system: System, values: Values, acceleration: np.ndarray) -> np.ndarray:
-    """The rotor's acceleration including the force of the second body's spring and damper.
+def mass_ratios(values: Values) -> tuple[np.ndarray, np.ndarray]:
+    """Masses of the second body and of the further one over that of the rotor, (n,) each; 0 where there is none."""
+    there = values.effect("support_resonance") > 0
+    first, further = (values.effect("support_resonance", key) for key in ("mass_ratio", "further_ratio"))
+    return np.where(there, first, 0.0), np.where(there, further, 0.0)
 
-    Relative to the rotor, the body is an oscillator with (1 + mass ratio) times its stiffness and damping, driven by
-    all other forces on the rotor.
+
+def with_bodies(system: System, values: Values, acceleration: np.ndarray, further: bool = True) -> np.ndarray:
+    """The rotor's acceleration including the forces of the springs and dampers of the bodies on it.
+
+    Relative to the rotor each body is an oscillator that the rotor's acceleration drives.
 
     Args:
-        system: with all of BODY, whose equations are written.
+        system: with all of BODY and, with `further`, of FURTHER, whose equations are written.
         values: of its lanes.
         acceleration: signal of the acceleration by all other forces, m per unit of time squared.
+        further: whether the system has the further body.
 
     Returns:
         Signal of the rotor's acceleration, m per unit of time squared.
     """
-    frequency = values.effect("support_resonance")
-    ratio = np.where(frequency > 0, values.effect("support_resonance", "mass_ratio"), 0.0)
-    if system.without(BODY, there := ratio > 0):
-        return acceleration
-    damping_ratio = values.effect("support_resonance", "damping_ratio")
-    returning = system.oscillator(BODY, frequency, damping_ratio, 1 + ratio)
-    system.put(BODY[1], returning - acceleration)
-    system.there[:, system.at(*BODY)] = there[:, None]
-    return acceleration - (ratio / (1 + ratio))[:, None] * returning
+    frequency, damping, times, own = (
+        values.effect("support_resonance", key)
+        for key in (None, "damping_ratio", "further_frequency", "further_damping")
+    )
+    bodies = [(BODY, frequency, damping), (FURTHER, frequency * times, own)][: 2 if further else 1]
+    present = []
+    for (names, hz, damped), ratio in zip(bodies, mass_ratios(values), strict=False):
+        if not system.without(names, there := ratio > 0):
+            returning = system.oscillator(names, hz, damped)
+            acceleration = acceleration - ratio[:, None] * returning
+            present.append((names, returning, there))
+    for names, returning, there in present:
+        system.put(names[1], returning - acceleration)
+        system.there[:, system.at(*names)] = there[:, None]
+    return acceleration
 
 
 # Rows of a lane (see `maglev_lanes.layout`). Velocities are stored as h v and accelerations as h^2 a, in m. STEPS:

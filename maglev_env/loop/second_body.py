@@ -24,8 +24,7 @@ SIXTH = 1.0 / 6.0
 
 def fill(x: LaneRows, values: Values, maps: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     """Write the shares of the mass, and the second body's maps (see `maglev_env.kernel.exact_flexible.body_maps`)."""
-    there = values.effect("support_resonance") > 0
-    ratio = np.where(there, values.effect("support_resonance", "mass_ratio"), 0.0)
+    ratio, _ = mechanics.mass_ratios(values)
     x[BODY_SHARE], x[MOVER_SHARE] = ratio / (1 + ratio), 1 / (1 + ratio)
     x[TO_MIDDLE], x[TO_END], x[BY_NODES] = (part.reshape(len(ratio), -1).T for part in maps)
 

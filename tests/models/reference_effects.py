@@ -50,7 +50,7 @@ def saturated_law(rig, knee, sharpness, gain_change, stiffness_change):
 
 
 class FullAxis(Axis):
-    """One axis with every effect. States: y, v, amplifier, branches, hysteresis, mount, body, bristles, probe."""
+    """One axis with every effect. States: y, v, amplifier, branches, hysteresis, mount, bodies, bristles, probe."""
 
     def __init__(self, e: Experiment, axis: int, first: int) -> None:
         super().__init__(e, axis, first)
@@ -72,6 +72,8 @@ class FullAxis(Axis):
         self.viscous = value("friction", "viscous")
         self.mount = [value("sensor_resonance", key) for key in (None, "damping_ratio", "coupling")]
         self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
+        ratio, times, damping = (value("support_resonance", f"further_{k}") for k in ("ratio", "frequency", "damping"))
+        self.further = [self.body[0] * times, damping, ratio]
         self.rub, self.slip = value("friction"), value("friction", "velocity")
         self.presliding = value("friction", "presliding")
         self.runout = [value("runout", key) for key in (None, "harmonics", "phase")]
@@ -90,7 +92,8 @@ class FullAxis(Axis):
         self.held = self.branch + len(rates)
         self.first_mount = self.held + 1
         self.first_body = self.first_mount + 2
-        self.bristles = self.first_body + 2
+        self.first_further = self.first_body + 2
+        self.bristles = self.first_further + 2
         self.first_sensor = self.bristles + 1
         self.size = self.first_sensor + len(self.sensor) - first
 
@@ -153,10 +156,12 @@ class FullAxis(Axis):
         outside = force + self.moment * self.speed**2 * cos(angle)
         push, rate, phase = self.shake
         outside += push * cos(2 * pi * rate * t + phase)
-        frequency, damping, ratio = self.body
-        turn, (r, rv) = 2 * pi * frequency, x[self.first_body : self.first_body + 2]
-        held_back = turn**2 * r + 2 * damping * turn * rv
-        a = (bearing + outside) / self.mass + (ratio if frequency else 0.0) * held_back
+        a, on_springs = (bearing + outside) / self.mass, []
+        for (frequency, damping, ratio), at in ((self.body, self.first_body), (self.further, self.first_further)):
+            turn, (r, rv) = 2 * pi * frequency, x[at : at + 2]
+            held_back = turn**2 * r + 2 * damping * turn * rv
+            a += (ratio if frequency else 0.0) * held_back
+            on_springs.append((rv, held_back))
         slopes = [v, a]
         source = bent_by(command, self.knees[1], self.knees[2])
         rate = 0.0
@@ -177,7 +182,9 @@ class FullAxis(Axis):
         turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
         driven = -coupling * bearing / self.mass if frequency else 0.0
         slopes += [wv, driven - 2 * damping * turn * wv - turn**2 * w]
-        slopes += [rv, -a - held_back if self.body[0] else 0.0, slope]
+        for rv, held_back in on_springs:
+            slopes += [rv, -a - held_back if self.body[0] else 0.0]
+        slopes.append(slope)
         source = y - w
         for j, time in enumerate(self.sensor, self.first_sensor):
             slopes.append((source - x[j]) / time)
@@ -246,7 +253,7 @@ PLACES = ("force", "current", "reference")
 
 def _scale(a: FullAxis) -> np.ndarray:
     sizes = np.full(a.size, 1e-12)
-    for j in (0, a.first_mount - a.first, a.first_body - a.first):
+    for j in (0, a.first_mount - a.first, a.first_body - a.first, a.first_further - a.first):
         sizes[j] = 1e-15
     sizes[a.first_sensor - a.first :] = 1e-15
     return sizes

@@ -58,6 +58,9 @@ FORMS = {
     "a sharp knee, and the command saturates": (effect("saturation", 0.42, sharpness=10.0, command=0.15), 1e-4),
     "the current saturates": (effect("saturation", inf, sharpness=1.5, current=0.1), 1e-2),
     "Bouc-Wen": (effect("hysteresis", 0.3, width=0.05, power=1.8, unloading=0.2), 2e-2),
+    "two bodies": (
+        effect("support_resonance", 60.0, mass_ratio=0.1, further_ratio=0.05, further_frequency=2.2), 1e-6,
+    ),
     "hysteresis under ripple": (effect("hysteresis", 0.3, width=0.05, ripple=20.0), 2e-2),
     "static friction": (
         effect("friction", 0.2, velocity=1e-4, presliding=2e-6, static=1.5, stribeck=2e-3, viscous=3.0), 1e-2,
