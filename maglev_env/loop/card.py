@@ -70,6 +70,8 @@ class Parameter:
         beyond_rest: a fit keeps it above the current with which a single magnet carries the weight, and the prior of
             its reciprocal is as wide as that allows.
         needs: what a rig must have for this parameter to mean anything, beside what its effect needs.
+        added: of something that the form adds, such as a further mode. One such parameter is its size, 0 by default,
+            with a scale; a fit seeks where it lies at all combinations of the starts of the others.
     """
 
     unit: str
@@ -86,6 +88,7 @@ class Parameter:
     sought: float = inf
     beyond_rest: bool = False
     needs: tuple[Need, ...] = ()
+    added: bool = False
 
     def on(self, scales: Scales) -> "Parameter":
         """The parameter with bounds, scale and starts in SI on a rig of these scales."""

@@ -74,9 +74,11 @@ EFFECTS: Mapping[str, EffectCard] = {
             "damping_ratio": RESONANCE_DAMPING,
             "mass_ratio": Parameter("", 0.0, 2.0, 0.05, scale=0.02, starts=(0.01,)),
             # A further body is looked for at every frequency, as the first one is.
-            "further_ratio": Parameter("", 0.0, 2.0, 0.0, shape=2.0, centre=0.005),
-            "further_frequency": Parameter("", 0.05, 20.0, 2.5, shape=1.0, starts=tuple(np.geomspace(0.15, 7.0, 28))),
-            "further_damping": Parameter("", 1e-3, 0.7, 0.02, shape=1.0, starts=(0.07,)),
+            "further_ratio": Parameter("", 0.0, 2.0, 0.0, scale=0.02, shape=0.1, added=True),
+            "further_frequency": Parameter(
+                "", 0.05, 20.0, 2.5, shape=1.0, starts=tuple(np.geomspace(0.15, 7.0, 28)), added=True
+            ),
+            "further_damping": Parameter("", 1e-3, 0.7, 0.02, shape=1.0, starts=(0.07,), added=True),
         },
         "a second body on a spring on the mover (a support that gives way, a rotor that bends); frequency: that of the "
         "second body while the mover is fixed; in another form a further body, its frequency as a multiple of the first",

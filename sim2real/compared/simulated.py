@@ -215,8 +215,15 @@ def _spectra(predictors: Sequence[Predictor], lanes: list[Block], transient: int
 
 
 def modes_of(point: Point) -> list[Mapping[str, float]]:
-    """Parameters of the second-order modes among a point's effects."""
-    return [values for values in point.effects.values() if "damping_ratio" in values]
+    """Frequency and damping ratio of the second-order modes among a point's effects."""
+    found: list[Mapping[str, float]] = []
+    for name, values in point.effects.items():
+        if "damping_ratio" in values:
+            found.append(values)
+        if values.get("further_ratio"):
+            times, damping = (effect_value(point.effects, name, f"further_{key}") for key in ("frequency", "damping"))
+            found.append({"frequency": times * values["frequency"], "damping_ratio": damping})
+    return found
 
 
 def settling(point: Point) -> float:
