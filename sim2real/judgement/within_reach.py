@@ -4,6 +4,9 @@ Bristles that only bend are a spring in series with a damper. Anything that cree
 mount, and so is a weak echo of the motion. What tells friction is that its force has a limit. Likewise, a hysteresis
 whose width no current reaches lags by nothing and is a smaller gain, or under ripple a lag in time. A fit which explains no less with a limit that is
 out of reach has found something linear under the effect's name.
+
+Of a hysteresis under ripple only a small part is bent, because the ripple wipes out most of the loop. Where such a fit
+leaves noise alone, it is enough that noise cannot have made what the limit saves.
 """
 
 from collections.abc import Mapping
@@ -24,6 +27,7 @@ LIMITED: Mapping[str, tuple[str, ...]] = {
 }
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
+RIPPLED = 20.0  # cost, in units of the reduced chi-square, that the limit of a hysteresis under ripple must save
 
 
 def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
@@ -52,4 +56,7 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
     names = [(c.effect, c.parameter) for c in h.coordinates]
     free = np.array([own != (name, limited[0]) for own in names] + [True] * len(h.calibrated))
     cost = following(fit, free).cost(linear - (problem.data - fit.residual))
-    return cost - fit.cost > max(SHOWN * (without - fit.cost), SURELY)
+    share = SHOWN * (without - fit.cost)
+    if values.get("ripple"):
+        share = min(share, RIPPLED * max(fit.cost / (2.0 * problem.data.size), 1.0))
+    return cost - fit.cost > max(share, SURELY)
