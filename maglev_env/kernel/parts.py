@@ -59,6 +59,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     pull = kind and (kind.shaped_pull(s.saturating, s.steeper, s.shaped) if shaped and kind.shaped_pull else kind.pull)
 
     pushed_back = springs.pushed_back_shaped if s.shaped else springs.pushed_back
+    unevenly = uneven_gain.pulling_shaped if s.shaped else uneven_gain.pulling
 
     def force_at(node: int) -> Callable:
         pulling_freely, pushed_freely = free.pulling(node), free.pushed_back(node)
@@ -67,7 +68,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
         def bearing(x, k, y, current):
             total = 0.0
             if controlled:
-                pulling = uneven_gain.pulling(x, k, current) if further else current
+                pulling = unevenly(x, k, current) if further else current
                 if freely:
                     pulling = pulling_freely(x, k, y, pulling)
                 total = pull(x, k, y + x[k + OFFSET] if flexible else y, pulling)

@@ -133,6 +133,7 @@ class EffectCard:
         dither: whether sensor noise smooths it, so that it is simulated with noise and averaged: "always", "maybe"
             (both ways are tried) or "never".
         not_fitted: why a diagnosis does not fit it on spectral lines; empty if it does.
+        left_alone: parameters that no fit varies; they keep their defaults.
         not_sealed: why the sealed check has no rig with it; empty if it has one.
         plain_kernel: coordinates of its form that every kernel simulates; the others need the shaped one.
     """
@@ -150,13 +151,14 @@ class EffectCard:
     form_share: float = 0.0
     dither: Literal["never", "maybe", "always"] = "never"
     not_fitted: str = ""
+    left_alone: tuple[str, ...] = ()
     not_sealed: str = ""
     plain_kernel: tuple[str, ...] = ()
 
     @property
     def plain(self) -> Mapping[str, Parameter]:
-        """The parameters without those of its form."""
-        return {key: p for key, p in self.parameters.items() if p.shape is None}
+        """The parameters that every fit varies: without those of its form, and without those that are left alone."""
+        return {key: p for key, p in self.parameters.items() if p.shape is None and key not in self.left_alone}
 
     @property
     def shapes(self) -> Mapping[str, Parameter]:

@@ -2,8 +2,8 @@
 
 Bristles that only bend are a spring in series with a damper. Anything that creeps is one too, a cable or a rubber
 mount, and so is a weak echo of the motion. What tells friction is that its force has a limit. Likewise, a hysteresis
-whose width no current reaches lags by nothing and is a smaller gain, or under ripple a lag in time. A fit which explains no less with a limit that is
-out of reach has found something linear under the effect's name.
+whose width no current reaches lags by nothing and is a smaller gain, or under ripple a lag in time. A fit which
+explains no less with a limit that is out of reach has found something linear under the effect's name.
 
 Of a hysteresis under ripple only a small part is bent, because the ripple wipes out most of the loop. Where such a fit
 leaves noise alone, it is enough that noise cannot have made what the limit saves.

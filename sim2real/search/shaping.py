@@ -65,7 +65,8 @@ def _starts(fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
     """
     first, found = len(freed.coordinates), [_extended(fit, freed.calibrated)]
     for i, name in enumerate(freed.calibrated, first):
-        if name in freed.shapes and not (np.isinf(freed.shapes[name].parameter.default) or freed.shapes[name].parameter.added):
+        shape = freed.shapes.get(name)
+        if shape and not (np.isinf(shape.parameter.default) or shape.parameter.added):
             for moved in (-1.0, 1.0):
                 u = found[0].copy()
                 u[i] += moved
@@ -101,7 +102,7 @@ def _sought(problem: Problem, fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
             standing = [i for i, p in enumerate(predicted) if np.isfinite(p).all()]
             matrix, along = following(fit).along(predicted[standing] - (problem.data - fit.residual))
             power = np.maximum(np.diag(matrix), 1e-300)
-            for i in np.argsort(-np.maximum(along, 0.0) ** 2 / power)[:SOUGHT]:
+            for i in np.argsort(-(np.maximum(along, 0.0) ** 2) / power)[:SOUGHT]:
                 tried[standing[i]][size] *= max(along[i], 0.0) / power[i]
                 found.append(freed.bounded(tried[standing[i]]))
     return found

@@ -12,8 +12,8 @@ from maglev_lanes.layout import LANES, LaneRows, row, rows_after
 
 # In the order in which their rows follow each other.
 BLOCKS = (
-    "magnets.rows", "mechanics", "second_body", "further_body", "controller", "amplifier", "eddy", "actuator", "sensor", "external",
-    "further.command_path", "further.uneven_gain", "further.springs", "further.probe_play", "further.vibration",
+    "magnets.rows", "mechanics", "second_body", "further_body", "controller", "amplifier", "eddy", "actuator", "sensor",
+    "external", "further.command_path", "further.uneven_gain", "further.springs", "further.probe_play", "further.vibration",
     "free.places",
     "self_sensing_pieces",
 )  # fmt: skip

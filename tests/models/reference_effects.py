@@ -1,6 +1,6 @@
 """A slow simulator of every effect, written from the effects' equations alone, with scipy's integrator."""
 
-from math import copysign, cos, exp, hypot, pi, sin, sqrt
+from math import copysign, cos, exp, expm1, hypot, pi, sin, sqrt
 from operator import mul
 
 import numpy as np
@@ -82,7 +82,7 @@ class FullAxis(Axis):
         self.moment, self.moment_phase = value("unbalance"), value("unbalance", "phase")
         self.quarter = axis * pi / 2
         self.asymmetry = value("asymmetric_gain")
-        self.drift = [value("gain_drift", key) for key in (None, "depth", "frequency", "phase")]
+        self.drift = [value("gain_drift", key) for key in (None, "depth", "frequency", "phase", "settling")]
         self.cube, self.reach, self.stop = value("cubic_spring"), value("soft_stop"), value("soft_stop", "stiffness")
         self.steepness = value("soft_stop", "steepness")
         self.shake = [value("foreign_vibration", key) for key in (None, "frequency", "phase")]
@@ -106,8 +106,9 @@ class FullAxis(Axis):
         return bent_by(lagging - self.strength * self.width * x[self.held], self.knees[0], self.knees[2])
 
     def uneven(self, t, current):
-        rate, depth, frequency, phase = self.drift
-        gain = 1 + rate * t + depth * sin(2 * pi * frequency * t + phase)
+        rate, depth, frequency, phase, settling = self.drift
+        lasting = -expm1(-settling * t) / settling if settling else t
+        gain = 1 + rate * lasting + depth * sin(2 * pi * frequency * t + phase)
         return gain * (current + self.asymmetry * abs(current))
 
     def pushed_back(self, y):
