@@ -201,8 +201,9 @@ def _tangents(
 
 # Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: largest current by which the force lags, A;
 # PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A. Of other forms, POWER: its
-# exponent less one, UNLOADING; RIPPLE_SQ: the way of the ripple in a step over the width, squared; PER_KNEE: one over the current that saturates, 1/A; SHARPNESS: of that knee; CARRIES,
-# PULLS: what the coil carries at rest, A, and what of it pulls.
+# exponent less one, UNLOADING; RIPPLE_SQ: the way of the ripple in a step over the width, squared; PER_KNEE: one over
+# the current that saturates, 1/A; SHARPNESS: of that knee; CARRIES, PULLS: what the coil carries at rest, A, and what
+# of it pulls.
 HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, RIPPLE_SQ, PER_KNEE, SHARPNESS, CARRIES, PULLS, END = rows_after(
     eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING RIPPLE_SQ PER_KNEE SHARPNESS CARRIES PULLS"
 )

@@ -81,7 +81,7 @@ EFFECTS: Mapping[str, EffectCard] = {
             "further_damping": Parameter("", 1e-3, 0.7, 0.02, shape=1.0, starts=(0.07,), added=True),
         },
         "a second body on a spring on the mover (a support that gives way, a rotor that bends); frequency: that of the "
-        "second body while the mover is fixed; in another form a further body, its frequency as a multiple of the first",
+        "second body while the mover is fixed; in another form with a further body, at a multiple of that frequency",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,

@@ -6,8 +6,8 @@ from sim2real.blind.benchmark.drives import PERIODIC, Drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
-from sim2real.compared.problem import assemble
 from sim2real.compared.drift import drift_of
+from sim2real.compared.problem import assemble
 from sim2real.recorded.records import read_records
 from sim2real.search.fitting import begin
 from sim2real.search.hypotheses import Hypothesis

@@ -13,9 +13,9 @@ from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
+from sim2real.compared.drift import _slope, drift_of
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, tolerances
-from sim2real.compared.drift import _slope, drift_of
 from sim2real.recorded.records import read_records
 from sim2real.recorded.wander import straightened, without_wander
 from sim2real.search.fitting import begin, differentiate, iterate
