@@ -244,7 +244,7 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
         for e in refuted
     ]
     refuted += still
-    if refuted and not kept and shows_nothing(judged, attribution):
+    if refuted and not kept and shows_nothing(judged, attribution, _saved(weighed, refuted)):
         # The unknown cause, too, was weighed by what those save that the holdout refutes.
         verdicted, cause = "no_gap", ()
         found, named = without(found, [e for e in found if e.effects not in ((NONE,), (CALIBRATION,))]), []
@@ -254,6 +254,13 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
         if not kept and verdict(found)[0] == "no_gap":  # what is left speaks for calibration
             verdicted, cause, named = "no_gap", (), []
     return _Named(verdicted, cause, found, named, kept, notes)
+
+
+def _saved(weighed: _Weighed, refuted: Sequence[Entry]) -> float:
+    """What the best of these hypotheses saves beyond calibration; that it lacks something makes it no less."""
+    cost = weighed.evidence.cost
+    best = min((cost[e.candidate] for e in refuted if e.candidate), default=np.inf)
+    return float(cost[0] - best) if np.isfinite(cost[0]) else 0.0
 
 
 def _predicts_nothing(fitted: Problem, attribution: Attribution, named: Entry) -> bool:
