@@ -14,7 +14,7 @@ from sim2real.search.shapes import shapes_of
 
 WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
 LEAST = 4.0  # cost that a linear prediction must promise
-STEPS = 12  # of a fit
+STEPS = 25  # of a fit; one that is a mode begins with too much damping
 SOUGHT = 2  # places that are followed of those at which what a form adds may lie
 
 

@@ -149,6 +149,27 @@ def test_another_form_is_what_the_equations_say(name):
 
 
 @pytest.mark.slow
+def test_ripple_does_to_hysteresis_what_noise_in_the_current_does_in_the_mean():
+    """Noise of the reading, through the controller, against a ripple as fast as this noise moves the current."""
+    rig = load_rig("hmb_free")
+    excited = Excitation("sphs", "current", 20.0, (1, 3, 5, 9, 15, 25), 0.15)
+    quiet = without_noise(Experiment(rig, rig.gains, (excited,), periods=2, transient_periods=20))
+    noise = replace(quiet.rig.noise, displacement=4e-7)
+    noisy = replace(quiet, rig=replace(quiet.rig, noise=noise), periods=200)
+    current = simulate_records([replace(noisy, excitations=(replace(excited, amplitude=1e-9),), periods=5)])[0][2]
+    ripple = float(np.abs(np.diff(current)).mean() * rig.control_rate)
+
+    def change(e, **form):
+        effects = ({}, effect("hysteresis", 0.3, width=0.03, **form))
+        none, held = (simulate_statistics([replace(e, effects=own)]).statistics.mean[0, 0] for own in effects)
+        return held - none
+
+    expected = change(noisy)
+    plain, rippled = (np.linalg.norm(change(quiet, **form) - expected) for form in ({}, {"ripple": ripple}))
+    assert plain > np.linalg.norm(expected) and rippled < 0.2 * np.linalg.norm(expected)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("substeps, tolerance", [(1, 1e-6), (2, 1e-7)])
 def test_a_coupled_x_y_rig_with_every_smooth_effect_agrees_with_a_tight_solve_ivp(substeps, tolerance):
     rig = replace(load_rig("hmb_radial"), cross=Cross(300.0, -200.0, 1.0, -2.0, 0.3, -0.2, 0.02, -0.03))

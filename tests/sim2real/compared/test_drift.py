@@ -13,21 +13,16 @@ from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
-from sim2real.compared.drift import _slope, drift_of
+from sim2real.compared.drift import Drift, _slope, drift_of
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, tolerances
+from sim2real.recorded.drifting import steady
 from sim2real.recorded.records import read_records
 from sim2real.recorded.wander import straightened, without_wander
-from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
 
 NOMINAL, SEEDS = Point({}, {}), range(12)
-
-
-def nominal(problem):
-    """The untouched nominal rig as a fit."""
-    h = Hypothesis((), {})
-    return begin([h], [np.zeros(h.size)], problem.data, problem.simulate)[0]
 
 
 def problem(folder, effects=None, seeds=SEEDS):
@@ -73,7 +68,7 @@ def test_noise_hardly_ever_seems_to_wander():
 @pytest.mark.slow
 def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
     found = problem(tmp_path)
-    assert drift_of(found, nominal(found)) is None
+    assert not drift_of(found, NOMINAL).shown
     slopes = [own for part in found.parts if (own := _slope(part, NOMINAL))]  # none where too few periods are steady
     z = np.array([rate / sd for rate, sd, *_ in slopes])
     assert len(z) > 0.8 * len(found.parts)
@@ -81,15 +76,37 @@ def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_rate_of_a_drift_is_found(tmp_path):
+def test_the_rate_of_a_drift_is_found_and_another_one_costs(tmp_path):
     """Of a gain that the kernel multiplies by 1 + rate t."""
     found = problem(tmp_path, effect("gain_drift", 0.1), range(3))
-    drift = drift_of(found, nominal(found))
-    assert abs(drift.rate - 0.1) < 0.02 + 3 * drift.se and drift.left < 0.1 * drift.chi2
+    drift = drift_of(found, NOMINAL)
+    assert drift.shown and abs(drift.rate - 0.1) < 0.02 + 3 * drift.se and drift.left < 0.1 * drift.chi2
+    assert drift.against(drift.rate, 0.0) == 0 and drift.against(0.0, 0.0) > 10
+    assert drift.against(0.0, 1.0) < 0.1  # of a fit that tells nothing
 
 
 @pytest.mark.slow
-def test_a_drift_is_found_without_periods_too_and_there_is_none_without_it(tmp_path):
+@pytest.mark.parametrize("settling", (0.0, 3.0))
+def test_the_mean_over_periods_is_that_of_a_drift_that_is_simulated(tmp_path, settling):
+    """The kernel's own drift over all periods, against the steady gain in its place; the drift alone moves the mean by
+    many times as much."""
+    found = problem(tmp_path, effect("gain_drift", 0.1, settling=settling), range(1))
+    (part,) = found.parts
+    drifting = Point({"gain_drift": {"rate": 0.1, "settling": settling}}, {})
+    left, before = (found.data - found.simulate([p])[0] for p in (drifting, NOMINAL))
+    assert np.vdot(before, before).real > 2 * np.vdot(left, left).real
+    gain = steady(part.record, drifting.effects)["actuator_gain"]["change"]
+    at = part.record.start + np.linspace(0, part.record.count / part.record.experiment.fundamental, 20001)
+    assert gain == pytest.approx(np.mean(0.1 * (-np.expm1(-settling * at) / settling if settling else at)), rel=1e-3)
+    h = Hypothesis(("actuator_gain",), {})
+    (fit,) = begin([h], [np.zeros(1)], found.data, found.simulate)
+    iterate([fit], found.data, found.simulate, 8)
+    sd = h.coordinates[0].scale * np.sqrt(fit.covariance()[0, 0])
+    assert h.coordinates[0].value(fit.u[0]) == pytest.approx(gain, abs=4 * sd + 0.03 * gain)
+
+
+@pytest.mark.slow
+def test_without_periods_a_drift_is_fitted_and_explains_nothing_where_there_is_none(tmp_path):
     """Another hand's rotor under noise; its gain falls off exponentially, by 2 % a second in the mean."""
     rng = np.random.default_rng(11)
     rig = draw_rig("rotor", rng)
@@ -103,12 +120,18 @@ def test_a_drift_is_found_without_periods_too_and_there_is_none_without_it(tmp_p
         write_campaign(tmp_path / name, rig, "no_force", [(recording, True, made)])
         _, records = read_records(tmp_path / name)
         found = assemble(records)
-        h = Hypothesis((), tolerances(records[0].nominal), scales=records[0].nominal.scales)
-        fits = begin([h], [np.zeros(h.size)], found.data, found.simulate)
-        iterate(fits, found.data, found.simulate, 8)
-        differentiate(fits, found.data, found.simulate, True)
-        drift = drift_of(found, fits[0])
+        allowed, scales = tolerances(records[0].nominal), records[0].nominal.scales
+        hypotheses = [Hypothesis(names, allowed, scales=scales) for names in ((), ("gain_drift",))]
+        fits = begin(hypotheses, [np.zeros(h.size) for h in hypotheses], found.data, found.simulate)
+        iterate(fits, found.data, found.simulate, 10)
+        saved, rate = fits[0].cost - fits[1].cost, fits[1].hypothesis.coordinates[0].value(fits[1].u[0])
         if effects:
-            assert drift.rate == pytest.approx(mean, rel=0.15) and drift.chi2 > 50
+            assert rate == pytest.approx(mean, rel=0.15) and saved > 50
         else:
-            assert drift is None
+            assert saved < 12
+
+
+@pytest.mark.parametrize(("shown", "rate", "cost"), [(True, 0.1, 0.0), (True, 0.0, 100.0), (False, 0.0, 0.0)])
+def test_a_rate_is_held_against_that_of_the_periods(shown, rate, cost):
+    drift = Drift(0.1, 0.01, 100.0, 0.0, shown)
+    assert drift.against(rate, 0.0) == pytest.approx(cost)
