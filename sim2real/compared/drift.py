@@ -5,12 +5,15 @@ Recordings without a period are simulated with the drift, which is an effect lik
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import ceil, log
 
 import numpy as np
 from scipy import stats
 
+from maglev_env.linear.loop import closed_loop_poles
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point
+from sim2real.compared.simulated import SETTLED, Point, experiment_at
+from sim2real.recorded.drifting import steady
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
@@ -90,16 +93,30 @@ def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None
     record = part.record
     if isinstance(record, OpenRecord) or record.count < LEAST or not record.nominal.controlled:
         return None
+    if record.count - (ringing := _ringing(record, point)) < LEAST:
+        return None
     turned = _by_gain(part, point)
     if not np.isfinite(turned).all() or not turned.any():
         return None
-    slopes, variance = trends(record, part)
+    slopes, variance = trends(record, part, ringing)
     turned, slopes, variance = (v[..., part.used] for v in (turned, slopes, variance))
     precision = float((abs(turned) ** 2 / variance).sum())
     change = float((turned.conj() * slopes / variance).real.sum() / precision)  # relative, in a period
     chi2 = float((2 * abs(slopes) ** 2 / variance).sum()) - 2.0 * slopes.size
     per_second = record.experiment.fundamental
     return change * per_second, per_second / np.sqrt(2 * precision), max(chi2, 0.0), np.sqrt(4.0 * slopes.size)
+
+
+def _ringing(record: Record, point: Point) -> int:
+    """How many of the periods that are kept a transient of the loop may still reach, at a point.
+
+    A loop that is slower than the nominal one rings on where a nominal one is steady, and that is a trend, too.
+    """
+    e = record.experiment
+    radius = abs(closed_loop_poles(experiment_at(e, Point(steady(record, point.effects), point.changes)))).max()
+    if not SETTLED < radius < 1:
+        return 0
+    return max(ceil(log(SETTLED) / log(radius) / e.samples_per_period) - record.dropped, 0)
 
 
 def _by_gain(part: Part, point: Point) -> np.ndarray:
@@ -110,13 +127,15 @@ def _by_gain(part: Part, point: Point) -> np.ndarray:
     return (there - here) / STEP
 
 
-def trends(record: Record, part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (outputs, axes, n) of the residuals over periods, and the variance of their noise, E|n|^2."""
-    periods = part.opened.residuals(record.periods["displacement"], record.periods.get("current"))
+def trends(record: Record, part: Part, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (outputs, axes, n) of the residuals over the periods from one on, and the variance of their noise,
+    E|n|^2."""
+    periods = part.opened.residuals(record.periods["displacement"], record.periods.get("current"))[first:]
     slopes, rest = straightened(periods)
-    at = np.arange(record.count) - (record.count - 1) / 2
-    own = (abs(rest) ** 2).sum(axis=0) / (record.count - 2)
+    count = len(periods)
+    at = np.arange(count) - (count - 1) / 2
+    own = (abs(rest) ** 2).sum(axis=0) / (count - 2)
     kernel, inside = np.ones(2 * NEIGHBOURS + 1), slice(NEIGHBOURS, -NEIGHBOURS)  # also of fewer lines than that
-    count = np.convolve(np.ones(own.shape[-1]), kernel)[inside]
-    pooled = np.apply_along_axis(lambda v: np.convolve(v, kernel)[inside] / count, -1, own)
+    lines = np.convolve(np.ones(own.shape[-1]), kernel)[inside]
+    pooled = np.apply_along_axis(lambda v: np.convolve(v, kernel)[inside] / lines, -1, own)
     return slopes, np.maximum(pooled, own / 4) / (at @ at)

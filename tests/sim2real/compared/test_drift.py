@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from campaigns import planned, repeated
 
+from maglev_env.linear.loop import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
 from sim2real.blind.benchmark import at
@@ -13,7 +14,7 @@ from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
-from sim2real.compared.drift import Drift, _slope, drift_of
+from sim2real.compared.drift import Drift, _ringing, _slope, drift_of
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, tolerances
 from sim2real.recorded.drifting import steady
@@ -73,6 +74,21 @@ def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
     z = np.array([rate / sd for rate, sd, *_ in slopes])
     assert len(z) > 0.8 * len(found.parts)
     assert 0.5 < np.std(z) < 1.6 and abs(z.mean()) < 3 / np.sqrt(len(z))
+
+
+@pytest.mark.slow
+def test_periods_that_a_slow_loop_still_reaches_have_no_trend(tmp_path):
+    """At a point whose loop rings for long; at one that rings for all of the recording nothing is said."""
+    found = problem(tmp_path, seeds=range(1))
+    (part,) = found.parts
+    poles = {lag: _ringing(part.record, Point({"amplifier_lag": {"time_constant": lag}}, {})) for lag in (0.0, 6e-4)}
+    e = part.record.experiment
+    slow = abs(closed_loop_poles(replace(e, effects=effect("amplifier_lag", 6e-4)))).max()
+    lasting = np.log(3e-5) / np.log(slow) / e.samples_per_period - part.record.dropped
+    assert poles[0.0] <= 1 < lasting <= poles[6e-4] < lasting + 1
+    assert (_slope(part, Point({"amplifier_lag": {"time_constant": 6e-4}}, {})) is None) == (
+        part.record.count - poles[6e-4] < 4
+    )
 
 
 @pytest.mark.slow
