@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.kernel.exact import CUBIC, HERMITE, nodal, switched
-from maglev_env.loop import amplifier, eddy, mechanics, sensor
+from maglev_env.loop import amplifier, bodies, eddy, sensor
 from maglev_env.loop.system import System, Values
 from maglev_lanes.matrix_exponential import expm
 
@@ -97,11 +97,11 @@ def body_maps(values: Values, h: np.ndarray, further: bool = False) -> tuple[np.
         middle and at the end add there, (n, 2 B, 3): a parabola through the three.
     """
     parabola = ("acceleration", "acceleration'", "acceleration''")
-    names = (*mechanics.BODY, *mechanics.FURTHER)[: 4 if further else 2]
+    names = (*bodies.BODY, *bodies.FURTHER)[: 4 if further else 2]
     size = len(names)
     system = System((*names, *parabola), h)
     system.integrate(parabola)
-    mechanics.with_bodies(system, values, system.signal("acceleration"), further)
+    bodies.with_bodies(system, values, system.signal("acceleration"), further)
     there = system.there[:, :size, None]
     middle, end = (there * expm(system.a * span)[:, :size] for span in (0.5, 1.0))
     nodes = np.array([[1, 0, 0], [-3, 4, -1], [4, -8, 4]])  # value, slope, bend at the start from the three nodes

@@ -7,7 +7,8 @@ velocities by their parts of the total mass.
 
 import numpy as np
 
-from maglev_env.loop import mechanics, second_body
+from maglev_env.loop import second_body
+from maglev_env.loop.bodies import mass_ratios
 from maglev_env.loop.system import Values
 from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after
@@ -24,7 +25,7 @@ SIXTH = 1.0 / 6.0
 
 def fill(x: LaneRows, values: Values, maps: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     """Write the shares of the mass and the maps of both bodies (`maglev_env.kernel.exact_flexible.body_maps`)."""
-    ratios = np.stack(mechanics.mass_ratios(values))
+    ratios = np.stack(mass_ratios(values))
     whole = 1 + ratios.sum(axis=0)
     middle, end, nodes = maps
     x[SHARES], x[ALONE] = ratios / whole, 1 / whole
