@@ -20,7 +20,7 @@ from sim2real.recorded.wander import straightened
 
 DRIFT = "drift"
 LEAST = 4  # periods below which a trend cannot be told from noise
-STEP = 0.01  # relative change of the gain, at the end of the longest recording if it grows, for its derivative
+STEP = 0.01  # relative change of the gain for its derivative
 FALSE_ALARM = 1e-4
 NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
 CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain explains to count as something else
@@ -56,7 +56,7 @@ class Drift:
         """Cost of another rate, told with a standard error, beyond that of none where no drift is shown.
 
         Args:
-            rate: In the beginning of a recording, 1/s.
+            rate: Mean over the periods, 1/s.
             sd: Its standard error.
         """
         apart = (rate - self.rate) ** 2 / (sd**2 + self.se**2 + (FORM * rate) ** 2)

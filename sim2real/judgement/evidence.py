@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import effect_value
 from sim2real.compared.drift import Drift
-from sim2real.compared.problem import KINDS
+from sim2real.compared.problem import KINDS, Problem
 from sim2real.compared.reached import motion_reached
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
@@ -16,7 +16,8 @@ from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
 from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.judgement.within_reach import LIMITED, shows_limit
-from sim2real.recorded.drifting import DRIFTING
+from sim2real.recorded.drifting import DRIFTING, trend
+from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import REPLACED
@@ -70,7 +71,7 @@ def evidence_of(
     p, candidates = attribution.problem, attribution.candidates
     cost = _costs(attribution)
     if drift is not None:
-        cost += [_drift_cost(c.fit, drift) for c in candidates]
+        cost += [_drift_cost(p, c.fit, drift) for c in candidates]
     fits = [c.fit for c in candidates]
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
@@ -117,14 +118,17 @@ def _costs(attribution: Attribution) -> np.ndarray:
     return cost
 
 
-def _drift_cost(fit: Fit, drift: Drift) -> float:
+def _drift_cost(problem: Problem, fit: Fit, drift: Drift) -> float:
     """What a drift of the gain that was fitted costs beside what the periods say of it; 0 without one."""
     at = [i for i, c in enumerate(fit.hypothesis.coordinates) if c.effect == DRIFTING]
     if not at or not np.isfinite(fit.cost):
         return 0.0
-    c = fit.hypothesis.coordinates[at[0]]
-    sd = 0.0 if fit.jacobian is None else float(fit.spread[at[0]]) * (c.scale or 1.0)
-    return drift.against(c.value(float(fit.u[at[0]])), sd)
+    effects = fit.hypothesis.point(fit.u).effects
+    records = (part.record for part in problem.parts if isinstance(part.record, Record))
+    rate = float(np.mean([trend(record, effects) for record in records]))
+    share = rate / effects[DRIFTING]["rate"] if rate else 1.0
+    sd = 0.0 if fit.jacobian is None else fit.spread[at[0]] * fit.hypothesis.coordinates[at[0]].scale
+    return drift.against(rate, float(share * sd))
 
 
 def idle_cost(point: Point, names: Sequence[str]) -> float:

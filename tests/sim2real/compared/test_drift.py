@@ -17,7 +17,7 @@ from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared.drift import Drift, _ringing, _slope, drift_of
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, tolerances
-from sim2real.recorded.drifting import steady
+from sim2real.recorded.drifting import steady, trend
 from sim2real.recorded.records import read_records
 from sim2real.recorded.wander import straightened, without_wander
 from sim2real.search.fitting import begin, iterate
@@ -114,6 +114,8 @@ def test_the_mean_over_periods_is_that_of_a_drift_that_is_simulated(tmp_path, se
     gain = steady(part.record, drifting.effects)["actuator_gain"]["change"]
     at = part.record.start + np.linspace(0, part.record.count / part.record.experiment.fundamental, 20001)
     assert gain == pytest.approx(np.mean(0.1 * (-np.expm1(-settling * at) / settling if settling else at)), rel=1e-3)
+    slope = np.polyfit(at, -np.expm1(-settling * at) / settling if settling else at, 1)[0]
+    assert trend(part.record, drifting.effects) == pytest.approx(0.1 * slope, rel=1e-2)
     h = Hypothesis(("actuator_gain",), {})
     (fit,) = begin([h], [np.zeros(1)], found.data, found.simulate)
     iterate([fit], found.data, found.simulate, 8)
