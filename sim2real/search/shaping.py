@@ -91,7 +91,7 @@ def _sought(problem: Problem, fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
     for name in freed.shaped if fit.jacobian is not None else ():
         at = {i: s for i, n in enumerate(freed.calibrated, first) if (s := freed.shapes.get(n)) and s.effect == name}
         places = {i: s for i, s in at.items() if s.parameter.added and s.parameter.starts}
-        for size in (i for i, s in at.items() if s.parameter.added and s.parameter.scale):
+        for size in (i for i, s in at.items() if s.parameter.added and s.parameter.scale and not own[i]):
             tried = []
             for values in product(*(s.parameter.starts for s in places.values())):
                 u = own.copy()
