@@ -13,6 +13,7 @@ from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
+from sim2real.compared.drift import DRIFT, Drift, drift_of
 from sim2real.compared.open_tones import agreed, with_tones
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.simulated import Point, unseen_by_all
@@ -26,7 +27,6 @@ from sim2real.gap.shrink import shrink
 from sim2real.judgement.belief import shipped
 from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.commands_seen import SEEN, seen_lost
-from sim2real.judgement.drift import DRIFT, Drift, drift_of
 from sim2real.judgement.evidence import Evidence, evidence_of
 from sim2real.judgement.judge import Entry, allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
@@ -36,6 +36,7 @@ from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
+from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
 from sim2real.result import Diagnosis, fitted_parameters
@@ -158,7 +159,7 @@ class _Weighed:
         cause: Likewise.
         tempering: As in `Diagnosis`.
         seen: Tones.
-        drift: Of the gain; None where there is none.
+        drift: What the periods say of one of the gain; None where there are too few.
         tones: How much tones and drift save, in units of -2 ln of the likelihood.
         notes: Why evidence was tempered, where it was.
         evidence: What the probabilities were computed from.
@@ -179,11 +180,12 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
     """Probabilities and verdict by the recordings that were fitted, tones and drift of the gain among the causes."""
     base = attribution.simplest
     near = base.fit.hypothesis.point(base.fit.u)
-    drift = drift_of(fitted, base.fit)
-    seen = sightings(fitted, near, drift is not None)
+    drift = drift_of(fitted, near)
+    drifts = drift is not None and drift.shown
+    seen = sightings(fitted, near, drifts)
     tones, causes = evidence(seen), vibration_costs(fitted, seen, near)
-    if drift is not None:
-        tones[DRIFT], causes[DRIFT] = drift.chi2, {"gain_drift": drift.left}
+    if drift is not None and drifts:
+        tones[DRIFT], causes[DRIFT] = drift.chi2, {DRIFTING: drift.left}
     if lost := seen_lost(fitted):
         tones[SEEN] = lost
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes, drift)
@@ -243,7 +245,7 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
         for e in refuted
     ]
     refuted += still
-    if refuted and not kept and shows_nothing(judged, attribution):
+    if refuted and not kept and shows_nothing(judged, attribution, _saved(weighed, refuted)):
         # The unknown cause, too, was weighed by what those save that the holdout refutes.
         verdicted, cause = "no_gap", ()
         found, named = without(found, [e for e in found if e.effects not in ((NONE,), (CALIBRATION,))]), []
@@ -262,6 +264,13 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
             f"{' or '.join(' with '.join(e.effects) for e in kept)} explains together with them"
         )
     return _Named(verdicted, cause, found, named, kept, notes)
+
+
+def _saved(weighed: _Weighed, refuted: Sequence[Entry]) -> float:
+    """What the best of these hypotheses saves beyond calibration; that it lacks something makes it no less."""
+    cost = weighed.evidence.cost
+    best = min((cost[e.candidate] for e in refuted if e.candidate), default=np.inf)
+    return float(cost[0] - best) if np.isfinite(cost[0]) else 0.0
 
 
 def _predicts_nothing(fitted: Problem, attribution: Attribution, named: Entry) -> bool:
@@ -292,7 +301,7 @@ def _corrected(
     if not np.isfinite(candidate.fit.cost):
         return Point({}, {})
     point = candidate.fit.hypothesis.point(candidate.fit.u)
-    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES and name != "gain_drift"}
-    if drift is not None and "gain_drift" in effects:
-        tones["gain_drift"] = drift.parameters
+    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
+    if drift is not None and drift.shown and DRIFTING in effects and DRIFTING not in point.effects:
+        tones[DRIFTING] = drift.parameters
     return Point({**point.effects, **tones}, point.changes)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.kernel.exact import CUBIC, HERMITE, nodal, switched
-from maglev_env.loop import amplifier, eddy, mechanics, sensor
+from maglev_env.loop import amplifier, bodies, eddy, sensor
 from maglev_env.loop.system import System, Values
 from maglev_lanes.matrix_exponential import expm
 
@@ -83,19 +83,26 @@ def bend(maps: CurrentMaps, probe: np.ndarray, pull: np.ndarray) -> np.ndarray:
     return pull[:, None, None] * (maps.seen - smooth)
 
 
-def body_maps(values: Values, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The second body relative to the mover under the mover's acceleration by other forces; zeros without one.
+def body_maps(values: Values, h: np.ndarray, further: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The B bodies on the mover, relative to it, under the mover's acceleration by other forces; zeros without one.
+
+    Args:
+        values: of the lanes.
+        h: integration steps, s, (n,).
+        further: whether there is a further body beside the second one.
 
     Returns:
-        Its position and velocity in the middle of the step from (position, velocity, acceleration), (n, 2, 3); at the
-        end from (position, velocity), (n, 2, 2), and what the accelerations at the start, in the middle and at the end
-        add there, (n, 2, 3): a parabola through the three.
+        Their states (position and velocity of each) in the middle of the step from (states, acceleration),
+        (n, 2 B, 2 B + 1); at the end from the states, (n, 2 B, 2 B), and what the accelerations at the start, in the
+        middle and at the end add there, (n, 2 B, 3): a parabola through the three.
     """
     parabola = ("acceleration", "acceleration'", "acceleration''")
-    system = System((*mechanics.BODY, *parabola), h)
+    names = (*bodies.BODY, *bodies.FURTHER)[: 4 if further else 2]
+    size = len(names)
+    system = System((*names, *parabola), h)
     system.integrate(parabola)
-    mechanics.second_body(system, values, system.signal("acceleration"))
-    there = (values.effect("support_resonance") > 0)[:, None, None]
-    middle, end = (there * expm(system.a * span)[:, :2] for span in (0.5, 1.0))
+    bodies.with_bodies(system, values, system.signal("acceleration"), further)
+    there = system.there[:, :size, None]
+    middle, end = (there * expm(system.a * span)[:, :size] for span in (0.5, 1.0))
     nodes = np.array([[1, 0, 0], [-3, 4, -1], [4, -8, 4]])  # value, slope, bend at the start from the three nodes
-    return middle[:, :, :3], end[:, :, :2], end[:, :, 2:] @ nodes
+    return middle[:, :, : size + 1], end[:, :, :size], end[:, :, size:] @ nodes

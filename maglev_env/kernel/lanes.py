@@ -17,7 +17,16 @@ from maglev_env.kernel.sensing_lanes import sensed_structure, timing_of, write_s
 from maglev_env.kernel.structure import Structure
 from maglev_env.lane_values import LaneValues, lane_values
 from maglev_env.linear.axis import cross_terms
-from maglev_env.loop import actuator, amplifier, controller, external, mechanics, second_body, sensor
+from maglev_env.loop import (
+    actuator,
+    amplifier,
+    controller,
+    external,
+    further_body,
+    mechanics,
+    second_body,
+    sensor,
+)
 from maglev_env.loop.axes import NO_CROSS
 from maglev_env.loop.effect import Effects, effect_value, shaped
 from maglev_env.loop.free import places as free
@@ -183,9 +192,10 @@ def _fill(
     if structure.magnets != "none":
         magnet_rows.fill(x, values.laws, h**2 / values.mass, values.effect)
     if structure.flexible:
-        second_body.fill(x, values, body_maps(values, h))
+        bodies = further_body if structure.shaped else second_body
+        bodies.fill(x, values, body_maps(values, h, further=structure.shaped))
         amplifier.fill(x, values, h)
-        actuator.fill(x, values)
+        actuator.fill(x, values, h)
         sensor.fill_tones(x, values, h, axis)
         external.fill(x, values, h)
     for block in further.BLOCKS if structure.further else ():

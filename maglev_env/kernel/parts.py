@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from maglev_env.kernel.layout import AXIS, PUSHED
 from maglev_env.kernel.sample import own_or_shared
 from maglev_env.kernel.structure import Structure
-from maglev_env.loop import actuator, amplifier, eddy, external, mechanics, second_body, sensor
+from maglev_env.loop import actuator, amplifier, eddy, external, further_body, mechanics, second_body, sensor
 from maglev_env.loop.free import places as free
 from maglev_env.loop.further import springs, uneven_gain, vibration
 from maglev_env.loop.magnets.kinds import KINDS
@@ -31,7 +31,8 @@ def _pushed(s: Structure, lift: Lifts) -> Callable:
 
 
 def _motion(s: Structure, lift: Lifts) -> dict[str, Callable]:
-    mover = second_body if s.flexible else mechanics
+    bodies = further_body if s.shaped else second_body
+    mover = bodies if s.flexible else mechanics
     found = {
         name: lift.each(getattr(mover, name), numbers)
         for name, numbers in (
@@ -44,7 +45,7 @@ def _motion(s: Structure, lift: Lifts) -> dict[str, Callable]:
         "distance_sq": lift.distance_sq(),
         "touch_down": mechanics.touch_down,
         "store_state": lift.each(mechanics.store_state, 3),
-        "store_body": lift.each(second_body.store_body, 3),
+        "store_body": lift.each(bodies.store_body, 3),
     }
 
 
@@ -58,6 +59,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     pull = kind and (kind.shaped_pull(s.saturating, s.steeper, s.shaped) if shaped and kind.shaped_pull else kind.pull)
 
     pushed_back = springs.pushed_back_shaped if s.shaped else springs.pushed_back
+    unevenly = uneven_gain.pulling_shaped if s.shaped else uneven_gain.pulling
 
     def force_at(node: int) -> Callable:
         pulling_freely, pushed_freely = free.pulling(node), free.pushed_back(node)
@@ -66,7 +68,7 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
         def bearing(x, k, y, current):
             total = 0.0
             if controlled:
-                pulling = uneven_gain.pulling(x, k, current) if further else current
+                pulling = unevenly(x, k, current) if further else current
                 if freely:
                     pulling = pulling_freely(x, k, y, pulling)
                 total = pull(x, k, y + x[k + OFFSET] if flexible else y, pulling)

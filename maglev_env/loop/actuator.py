@@ -14,6 +14,7 @@ from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.loop.magnets.powers import exponential, logarithm
 from maglev_env.loop.system import System, Values
+from maglev_lanes.elementary import root
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
 
@@ -74,9 +75,14 @@ EFFECTS: Mapping[str, EffectCard] = {
             "width": Parameter("A", 1e-4, 1e4, 0.1, starts=(0.01, 0.05, 0.2), sought=100.0),
             "power": Parameter("", 0.2, 20.0, 1.0, shape=0.6),
             "unloading": Parameter("", -1.0, 1.0, 1.0, scale=1.0, shape=1.0),
+            # Noise and ripple move the current to and fro. Their way counts as any other does, and wipes out what the
+            # iron remembers: the loop that the slow current traces becomes narrower, until only a lag in time is left.
+            "ripple": Parameter("A/s", 0.0, 1e5, 0.0, shape=1.5, centre=10.0),
         },
         "a share of the current lags by a width in A, by Dahl's rate-independent model (Dahl 1968); in another form by "
-        "that of Bouc and Wen (Wen 1976): dz/dx = 1 - |z|^power while loading, 1 + unloading |z|^power on the way back",
+        "that of Bouc and Wen (Wen 1976): dz/dx = 1 - |z|^power while loading, 1 + unloading |z|^power on the way "
+        "back, where the way is sqrt(di^2 + (ripple dt)^2) under noise or ripple of so many A/s (dither, Zames and "
+        "Shneydor 1976)",
         "current and displacement at two amplitudes",
         ("magnets",),
         flexible=True,
@@ -119,16 +125,18 @@ EFFECTS: Mapping[str, EffectCard] = {
 }
 
 
-STATES = eddy.STATES
+REMEMBERED = ("remembered",)  # by the iron, of a current whose ripple wipes it out
+STATES = (*eddy.STATES, *REMEMBERED)
 
 
 def pulling_current(system: System, values: Values, current: np.ndarray) -> np.ndarray:
     """The force-producing current from the coil's current, with the tangents of hysteresis and of a knee at rest.
 
-    For currents far below its width, hysteresis subtracts its whole strength.
+    For currents far below its width, hysteresis subtracts its whole strength; under ripple, what it remembers follows
+    the current by a lag of width / ripple.
 
     Args:
-        system: with all of STATES; the states of the eddy currents are written.
+        system: with all of STATES, whose equations are written.
         values: of its lanes.
         current: signal of the coil's current, A.
 
@@ -137,7 +145,13 @@ def pulling_current(system: System, values: Values, current: np.ndarray) -> np.n
     """
     pulls = eddy.pulling_current(system, values, current)
     through, _ = saturation.slopes(values)
-    return through[:, None] * (pulls - values.effect("hysteresis")[:, None] * current)
+    strength, width, ripple = (values.effect("hysteresis", key) for key in (None, "width", "ripple"))
+    forgotten = current
+    if not system.without(REMEMBERED, forgets := (strength > 0) & (ripple > 0)):
+        remembered = system.signal(REMEMBERED[0])
+        forgotten = current - np.where(forgets, 1.0, 0.0)[:, None] * remembered
+        system.put(REMEMBERED[0], (system.step * ripple / width)[:, None] * (current - remembered), forgets)
+    return through[:, None] * (pulls - strength[:, None] * forgotten)
 
 
 def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.ndarray:
@@ -187,19 +201,23 @@ def _tangents(
 
 # Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: largest current by which the force lags, A;
 # PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A. Of other forms, POWER: its
-# exponent less one, UNLOADING; PER_KNEE: one over the current that saturates, 1/A; SHARPNESS: of that knee; CARRIES,
-# PULLS: what the coil carries at rest, A, and what of it pulls.
-HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, PER_KNEE, SHARPNESS, CARRIES, PULLS, END = rows_after(
-    eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING PER_KNEE SHARPNESS CARRIES PULLS"
+# exponent less one, UNLOADING; RIPPLE_SQ: the way of the ripple in a step over the width, squared; PER_KNEE: one over
+# the current that saturates, 1/A; SHARPNESS: of that knee; CARRIES, PULLS: what the coil carries at rest, A, and what
+# of it pulls.
+HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, RIPPLE_SQ, PER_KNEE, SHARPNESS, CARRIES, PULLS, END = rows_after(
+    eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING RIPPLE_SQ PER_KNEE SHARPNESS CARRIES PULLS"
 )
+STILL = 1e-24  # least square of a relative way in a step: nothing is divided by zero, and nothing forgotten
 
 
-def fill(x: LaneRows, values: Values) -> None:
-    """Write the constants of hysteresis, of the actuator's offset and of a current that saturates."""
+def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
+    """Write the constants of hysteresis, of the actuator's offset and of a current that saturates, for integration
+    steps of h (s), (n,)."""
     width, scale = values.effect("hysteresis", "width"), current_scale(values)
     x[HOLD], x[PER_WIDTH] = scale * values.effect("hysteresis") * width, 1 / width
     x[ZERO] = scale * values.effect("actuator_offset")
     x[POWER], x[UNLOADING] = values.effect("hysteresis", "power") - 1, values.effect("hysteresis", "unloading")
+    x[RIPPLE_SQ] = (values.effect("hysteresis", "ripple") * h / width) ** 2 + STILL
     x[PER_KNEE] = 1 / (scale * values.effect("saturation", "current"))
     x[SHARPNESS] = values.effect("saturation", "sharpness")
     pulls, carries, _ = saturation.at_rest(values)
@@ -228,24 +246,25 @@ def held_next(x, k, x2):
 
 @piece
 def held_next_shaped(x, k, x2):
-    """The same by the model of Bouc and Wen, in two steps that are exact where its exponent is one."""
+    """The same by the model of Bouc and Wen under ripple, in two steps that are exact where its exponent is one."""
     change = (x2 - x[k + X2]) * x[k + PER_WIDTH]
-    z = x[k + HELD]
-    z = _moved(x, k, z, change, _slowing(x, k, _moved(x, k, z, 0.5 * change, _slowing(x, k, z, change)), change))
+    path = root(change * change + x[k + RIPPLE_SQ])
+    toward, z = change / path, x[k + HELD]
+    half = _moved(z, toward, 0.5 * path, _slowing(x, k, z, change))
+    z = _moved(z, toward, path, _slowing(x, k, half, change))
     return min(max(z, -1.0), 1.0)
 
 
 @piece
 def _slowing(x, k, z, change):
-    """c of dz/dx = s - c z, with the sign s of the change."""
+    """c of dz/dx = s - c z, with the direction s of the change."""
     size = max(abs(z), 1e-3)
     return exponential(x[k + POWER] * logarithm(size)) * (1.0 if z * change > 0.0 else x[k + UNLOADING])
 
 
 @piece
-def _moved(x, k, z, change, slowing):
-    """The state after a relative change of the current at a constant c."""
-    toward, path = (1.0 if change > 0.0 else -1.0), abs(change)
+def _moved(z, toward, path, slowing):
+    """The state after a relative path of the current at a constant c."""
     way = slowing * path
     left = exponential(-way)
     share = 1.0 - 0.5 * way if abs(way) < 1e-5 else (1.0 - left) / way

@@ -70,6 +70,8 @@ class Parameter:
         beyond_rest: a fit keeps it above the current with which a single magnet carries the weight, and the prior of
             its reciprocal is as wide as that allows.
         needs: what a rig must have for this parameter to mean anything, beside what its effect needs.
+        added: of something that the form adds, such as a further mode. One such parameter is its size, 0 by default,
+            with a scale; a fit seeks where it lies at all combinations of the starts of the others.
     """
 
     unit: str
@@ -86,6 +88,7 @@ class Parameter:
     sought: float = inf
     beyond_rest: bool = False
     needs: tuple[Need, ...] = ()
+    added: bool = False
 
     def range_on(self, scales: Scales) -> tuple[float, float]:
         """The bounds in SI on a rig of these scales."""
@@ -136,6 +139,7 @@ class EffectCard:
         dither: whether sensor noise smooths it, so that it is simulated with noise and averaged: "always", "maybe"
             (both ways are tried) or "never".
         not_fitted: why a diagnosis does not fit it on spectral lines; empty if it does.
+        left_alone: parameters that no fit varies; they keep their defaults.
         not_sealed: why the sealed check has no rig with it; empty if it has one.
         plain_kernel: coordinates of its form that every kernel simulates; the others need the shaped one.
     """
@@ -153,13 +157,14 @@ class EffectCard:
     form_share: float = 0.0
     dither: Literal["never", "maybe", "always"] = "never"
     not_fitted: str = ""
+    left_alone: tuple[str, ...] = ()
     not_sealed: str = ""
     plain_kernel: tuple[str, ...] = ()
 
     @property
     def plain(self) -> Mapping[str, Parameter]:
-        """The parameters without those of its form."""
-        return {key: p for key, p in self.parameters.items() if p.shape is None}
+        """The parameters that every fit varies: without those of its form, and without those that are left alone."""
+        return {key: p for key, p in self.parameters.items() if p.shape is None and key not in self.left_alone}
 
     @property
     def shapes(self) -> Mapping[str, Parameter]:

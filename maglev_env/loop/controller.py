@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from maglev_env.loop import second_body
+from maglev_env.loop import further_body
 from maglev_env.loop.card import EffectCard, Parameter
 from maglev_env.loop.system import Values
 from maglev_lanes.converter import quantised
@@ -25,7 +25,7 @@ EFFECTS: Mapping[str, EffectCard] = {
 
 # Rows of a lane. U: the command, A. ACTING, U_OLD: with a delay, the command that acts from now on and the one that
 # acted before. D, XI: states of the PID. ERROR, RAW: input and output of a linear controller.
-U, ACTING, U_OLD, D, XI, ERROR, RAW, _CONSTANTS = rows_after(second_body.END, "U ACTING U_OLD D XI ERROR RAW")
+U, ACTING, U_OLD, D, XI, ERROR, RAW, _CONSTANTS = rows_after(further_body.END, "U ACTING U_OLD D XI ERROR RAW")
 # ARRIVED: 1 if the new command already acts at the start of a substep.
 KP, KD, KI, DECAY_D, DECAY_I, PER_U_COUNT, U_COUNT_MAX, U_COUNT, U_ROUNDS, DELAY_STEPS, ARRIVED, END = rows_after(
     _CONSTANTS, "KP KD KI DECAY_D DECAY_I PER_U_COUNT U_COUNT_MAX U_COUNT U_ROUNDS DELAY_STEPS ARRIVED"

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from maglev_env.loop import bodies
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.exponential import faded
 from maglev_env.loop.magnets import rows
@@ -73,9 +74,15 @@ EFFECTS: Mapping[str, EffectCard] = {
             "frequency": RESONANCE_FREQUENCY,
             "damping_ratio": RESONANCE_DAMPING,
             "mass_ratio": Parameter("", 0.0, 2.0, 0.05, scale=0.02, starts=(0.01,)),
+            # A further body is looked for at every frequency, as the first one is.
+            "further_ratio": Parameter("", 0.0, 2.0, 0.0, scale=0.02, shape=0.1, added=True),
+            "further_frequency": Parameter(
+                "", 0.05, 20.0, 2.5, shape=1.0, starts=tuple(np.geomspace(0.15, 7.0, 28)), added=True
+            ),
+            "further_damping": Parameter("", 1e-3, 0.7, 0.02, shape=1.0, starts=(0.07,), added=True),
         },
         "a second body on a spring on the mover (a support that gives way, a rotor that bends); frequency: that of the "
-        "second body while the mover is fixed",
+        "second body while the mover is fixed; in another form with a further body, at a multiple of that frequency",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
@@ -93,8 +100,7 @@ EFFECTS: Mapping[str, EffectCard] = {
 
 
 MOTION = ("position", "velocity")
-BODY = ("body", "body_velocity")  # of the second body, relative to the mover
-STATES = ("bristle", *BODY)
+STATES = ("bristle", *bodies.BODY, *bodies.FURTHER)
 
 
 def support(system: System, values: Values) -> np.ndarray:
@@ -121,7 +127,7 @@ def support(system: System, values: Values) -> np.ndarray:
 
 
 def motion(system: System, values: Values, acceleration: np.ndarray) -> None:
-    """Write the rotor's equations of motion, and those of the second body.
+    """Write the rotor's equations of motion, and those of the bodies on it.
 
     Args:
         system: with all of MOTION and STATES.
@@ -129,32 +135,7 @@ def motion(system: System, values: Values, acceleration: np.ndarray) -> None:
         acceleration: signal of the rotor's acceleration by bearing and held force, m per unit of time squared.
     """
     system.integrate(MOTION)
-    system.put(MOTION[1], second_body(system, values, acceleration))
-
-
-def second_body(system: System, values: Values, acceleration: np.ndarray) -> np.ndarray:
-    """The rotor's acceleration including the force of the second body's spring and damper.
-
-    Relative to the rotor, the body is an oscillator with (1 + mass ratio) times its stiffness and damping, driven by
-    all other forces on the rotor.
-
-    Args:
-        system: with all of BODY, whose equations are written.
-        values: of its lanes.
-        acceleration: signal of the acceleration by all other forces, m per unit of time squared.
-
-    Returns:
-        Signal of the rotor's acceleration, m per unit of time squared.
-    """
-    frequency = values.effect("support_resonance")
-    ratio = np.where(frequency > 0, values.effect("support_resonance", "mass_ratio"), 0.0)
-    if system.without(BODY, there := ratio > 0):
-        return acceleration
-    damping_ratio = values.effect("support_resonance", "damping_ratio")
-    returning = system.oscillator(BODY, frequency, damping_ratio, 1 + ratio)
-    system.put(BODY[1], returning - acceleration)
-    system.there[:, system.at(*BODY)] = there[:, None]
-    return acceleration - (ratio / (1 + ratio))[:, None] * returning
+    system.put(MOTION[1], bodies.with_bodies(system, values, acceleration))
 
 
 # Rows of a lane (see `maglev_lanes.layout`). Velocities are stored as h v and accelerations as h^2 a, in m. STEPS:

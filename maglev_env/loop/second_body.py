@@ -8,6 +8,7 @@ step, both motions are computed exactly.
 import numpy as np
 
 from maglev_env.loop import mechanics
+from maglev_env.loop.bodies import mass_ratios
 from maglev_env.loop.system import Values
 from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after
@@ -24,8 +25,7 @@ SIXTH = 1.0 / 6.0
 
 def fill(x: LaneRows, values: Values, maps: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     """Write the shares of the mass, and the second body's maps (see `maglev_env.kernel.exact_flexible.body_maps`)."""
-    there = values.effect("support_resonance") > 0
-    ratio = np.where(there, values.effect("support_resonance", "mass_ratio"), 0.0)
+    ratio, _ = mass_ratios(values)
     x[BODY_SHARE], x[MOVER_SHARE] = ratio / (1 + ratio), 1 / (1 + ratio)
     x[TO_MIDDLE], x[TO_END], x[BY_NODES] = (part.reshape(len(ratio), -1).T for part in maps)
 

@@ -161,7 +161,6 @@ class System:
         names: tuple[str, str],
         frequency: np.ndarray,
         damping_ratio: np.ndarray,
-        stiffer: np.ndarray | float = 1.0,
     ) -> np.ndarray:
         """A second-order mode: writes the derivative of its position; the caller writes that of its velocity.
 
@@ -169,7 +168,6 @@ class System:
             names: states of its position and its velocity.
             frequency: Hz, (n,).
             damping_ratio: (n,).
-            stiffer: factor (n,) on its spring and its damper.
 
         Returns:
             Signal of the acceleration by its spring and its damper, per unit of time squared.
@@ -178,6 +176,6 @@ class System:
         self.integrate(names)
         turn = 2 * np.pi * frequency * self.step
         returning = np.zeros(self.there.shape)
-        returning[:, self._at[position]] = -stiffer * turn**2
-        returning[:, self._at[velocity]] = -2 * damping_ratio * stiffer * turn
+        returning[:, self._at[position]] = -(turn**2)
+        returning[:, self._at[velocity]] = -2 * damping_ratio * turn
         return returning

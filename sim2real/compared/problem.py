@@ -16,6 +16,7 @@ from sim2real.compared.line_kinds import KINDS, informative, line_kinds
 from sim2real.compared.simulated import Point, Predictor, experiment_at, residuals, together
 from sim2real.compared.tolerance_forms import form_nuisances
 from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficients_at, static_of
+from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.nuisances import Nuisances, stacked
 from sim2real.recorded.open_evidence import exact_errors, opened_of
 from sim2real.recorded.open_loop import nominal_loop
@@ -121,21 +122,25 @@ class Problem:
         if periodic:
             period = 1 / periodic[0].record.experiment.fundamental
             anyway = min(p.predictor.transient / p.record.nominal.control_rate for p in periodic)
-        shared: dict[tuple, list[Part]] = {}
-        for part in self.parts:
-            shared.setdefault((part.predictor.kind, part.predictor.schedule), []).append(part)
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             dithering = self.parts[0].record.nominal.noise.displacement > 0
-            hasty = [((0.0, False), list(range(len(points))))]
-            groups = together(points, period, dithering, anyway) if settled else hasty
-            for (lasts, dithered), which in groups:
-                prepared: dict[tuple, list] = {}
-                for (kind, _), parts in shared.items():
-                    if kind not in prepared:
-                        prepared[kind] = parts[0].predictor.lanes([points[i] for i in which], dithered)
-                    predicted = residuals([p.looked for p in parts], prepared[kind], lasts, dithered)
-                    for part, own in zip(parts, predicted, strict=True):
-                        found[which, part.place] = part.whitened(own)
+            for drifting in (False, True):
+                some = [i for i, point in enumerate(points) if (DRIFTING in point.effects) == drifting]
+                # Recordings share lanes, but for a drift that counts by its mean over the periods of each.
+                shared: dict[tuple, list[Part]] = {}
+                for part in self.parts if some else ():
+                    p = part.predictor
+                    shared.setdefault(((p.kind, drifting and p.middle), p.schedule), []).append(part)
+                own = [points[i] for i in some]
+                groups = together(own, period, dithering, anyway) if settled else [((0.0, False), range(len(own)))]
+                for (lasts, dithered), at in groups:
+                    which, prepared = [some[i] for i in at], {}
+                    for (kind, _), parts in shared.items():
+                        if kind not in prepared:
+                            prepared[kind] = parts[0].predictor.lanes([points[i] for i in which], dithered)
+                        predicted = residuals([p.looked for p in parts], prepared[kind], lasts, dithered)
+                        for part, rows in zip(parts, predicted, strict=True):
+                            found[which, part.place] = part.whitened(rows)
         if self.static is not None:
             nominal = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
             at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]

@@ -13,6 +13,7 @@ from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
 from maglev_env.rig.rig import Rig, with_parameters
+from sim2real.recorded.drifting import DRIFTING, steady
 from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
@@ -116,7 +117,11 @@ def _as_seen(record: Record | OpenRecord, e: Experiment, point: Point, made: dic
     """As `experiment_at`, without effects that act before what drives the record."""
     every, unseen = {**e.rig.effects, **point.effects}, unseen_by(record)
     seen = {name: values for name, values in every.items() if name not in unseen}
-    return experiment_at(e, Point(seen, point.changes), made)
+    if DRIFTING not in seen or isinstance(record, OpenRecord):
+        return experiment_at(e, Point(seen, point.changes), made)
+    # A change within the tolerance of the gain is one of the effect that a drift becomes a part of.
+    found = experiment_at(e, Point(seen, point.changes), made)
+    return replace(found, effects=steady(record, found.effects))
 
 
 @dataclass(frozen=True)
@@ -146,6 +151,12 @@ class Predictor:
         kind = controller_kind(e.gains, 1 / e.rig.control_rate)
         of_rig = e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
         return kind, e.speed_rpm, *of_rig, unseen_by(self.record), substeps_of(self.record)
+
+    @property
+    def middle(self) -> float:
+        """Middle of what is compared, s after the begin, where a drift counts by its mean; else 0."""
+        r = self.record
+        return 0.0 if isinstance(r, OpenRecord) else r.start + 0.5 * r.count / r.experiment.fundamental
 
     @property
     def schedule(self) -> tuple:
@@ -215,8 +226,15 @@ def _spectra(predictors: Sequence[Predictor], lanes: list[Block], transient: int
 
 
 def modes_of(point: Point) -> list[Mapping[str, float]]:
-    """Parameters of the second-order modes among a point's effects."""
-    return [values for values in point.effects.values() if "damping_ratio" in values]
+    """Frequency and damping ratio of the second-order modes among a point's effects."""
+    found: list[Mapping[str, float]] = []
+    for name, values in point.effects.items():
+        if "damping_ratio" in values:
+            found.append(values)
+        if values.get("further_ratio"):
+            times, damping = (effect_value(point.effects, name, f"further_{key}") for key in ("frequency", "damping"))
+            found.append({"frequency": times * values["frequency"], "damping_ratio": damping})
+    return found
 
 
 def settling(point: Point) -> float:

@@ -15,6 +15,7 @@ from sim2real.search.hypotheses import WIDER
 
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout
 PLAINLY = 2.0  # chi-square per degree of freedom on the fitted recordings that is a gap whatever the holdout shows
+CERTAIN = 100.0  # cost that no noise and no error at single moments saves; without an effect it was 11 at most
 CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: what is named must then leave less
 
 
@@ -47,13 +48,21 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left))]
 
 
-def shows_nothing(judged: Problem, attribution: Attribution) -> bool:
+def shows_nothing(judged: Problem, attribution: Attribution, saved: float) -> bool:
     """Whether calibration, within what the rig states, leaves no more of the holdout than noise does.
 
     What other explanations save on the fitted recordings is then no evidence of an effect, known or unknown, unless
-    calibration leaves several times the noise of these: the holdout then shows too little.
+    calibration leaves several times the noise of these: the holdout then shows too little. Nor is it nothing if they
+    save so much there that something must differ between the recordings, as what depends on the amplitude does.
+
+    Args:
+        judged: The holdout.
+        attribution: The fitted candidates.
+        saved: What the best of these explanations saves beyond calibration.
     """
     fit = attribution.calibration.fit
+    if saved > CERTAIN:
+        return False
     if not np.isfinite(fit.cost) or not _as_stated(attribution) or fit.cost > PLAINLY * attribution.expected:
         return False
     left = judged.data - judged.simulate([fit.hypothesis.point(fit.u)])[0]

@@ -7,17 +7,20 @@ import numpy as np
 
 from maglev_env.loop.effect import effect_value
 from maglev_env.rig.rig import Rig
-from sim2real.compared.problem import KINDS
+from sim2real.compared.drift import Drift
+from sim2real.compared.problem import KINDS, Problem
 from sim2real.compared.reached import motion_reached
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
-from sim2real.judgement.drift import Drift, without_drift
 from sim2real.judgement.lost_commands import scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
 from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.judgement.within_reach import LIMITED, shows_limit
+from sim2real.recorded.drifting import DRIFTING, trend
+from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
+from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import REPLACED
 
 NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such
@@ -44,7 +47,6 @@ class Evidence:
         causes: Cost of each effect that may explain one of the families in `judge.OPEN`.
         dispersion: What the best candidate leaves beyond noise.
         strain: Part of each candidate's cost that stated parameters make that moved by more than STRAINED tolerances.
-        taken_up: What each candidate has taken up of the weight of a drift, which is then less for it.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -58,7 +60,6 @@ class Evidence:
     causes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     dispersion: Dispersion = NOISE_ALONE
     strain: np.ndarray | None = None
-    taken_up: np.ndarray | None = None
 
 
 def evidence_of(
@@ -68,23 +69,12 @@ def evidence_of(
     causes: Mapping[str, Mapping[str, float]],
     drift: Drift | None = None,
 ) -> Evidence:
-    """The evidence of fitted candidates, of tones (see `unsynchronised`) and of trends (see `drift`).
-
-    Costs, and what candidates leave, are counted beside a drift of the gain, which has a weight of its own.
-    """
+    """The evidence of fitted candidates, of tones (see `unsynchronised`) and of what periods say of a drift."""
     p, candidates = attribution.problem, attribution.candidates
     cost = _costs(attribution)
-    fits = [c.fit for c in candidates]
     if drift is not None:
-        for i, fit in enumerate(fits):
-            if cost[i] < cost.min() + NEAR_BEST or i == 0:
-                fits[i] = without_drift(p, fit, drift.rate)
-    pairs = zip(candidates, fits, strict=True)
-    saved = np.array([max(c.fit.cost - f.cost, 0.0) if np.isfinite(f.cost) else 0.0 for c, f in pairs])
-    told = [fit is not c.fit for c, fit in zip(candidates, fits, strict=True)]
-    most = 0.0 if drift is None else drift.without_period
-    taken_up = np.where(told, np.maximum(most - saved, 0.0), 0.0)
-    cost = cost - saved
+        cost += [_drift_cost(p, c.fit, drift) for c in candidates]
+    fits = [c.fit for c in candidates]
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
         residuals[0] = p.opened_residual()  # no rotor levitates without an effect
@@ -106,7 +96,6 @@ def evidence_of(
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
         np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in candidates]),
-        taken_up,
     )
 
 
@@ -129,6 +118,19 @@ def _costs(attribution: Attribution) -> np.ndarray:
         ):
             cost[i] = np.inf
     return cost
+
+
+def _drift_cost(problem: Problem, fit: Fit, drift: Drift) -> float:
+    """What a drift of the gain that was fitted costs beside what the periods say of it; 0 without one."""
+    at = [i for i, c in enumerate(fit.hypothesis.coordinates) if c.effect == DRIFTING]
+    if not at or not np.isfinite(fit.cost):
+        return 0.0
+    effects = fit.hypothesis.point(fit.u).effects
+    records = (part.record for part in problem.parts if isinstance(part.record, Record))
+    rate = float(np.mean([trend(record, effects) for record in records]))
+    share = rate / effects[DRIFTING]["rate"] if rate else 1.0
+    sd = 0.0 if fit.jacobian is None else fit.spread[at[0]] * fit.hypothesis.coordinates[at[0]].scale
+    return drift.against(rate, float(share * sd))
 
 
 def idle_cost(point: Point, names: Sequence[str], rig: Rig) -> float:

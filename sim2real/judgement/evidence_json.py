@@ -36,8 +36,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
     if cost.shape != (len(effects),) or excess.shape != (len(effects), len(groups)):
         raise TypeError("costs, excess, effects and groups do not belong together")
     kinds = {name: ChiSquare(**data["dispersion"][name]) for name in ("fit", "recordings")}
-    given = {name: data.get(name) for name in ("strain", "taken_up")}
-    known = {name: None if values is None else _numbers(values) for name, values in given.items()}
+    strain = data.get("strain")
     return Evidence(
         effects=effects,
         cost=cost,
@@ -49,7 +48,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
         spin=_table(data["spin"]),
         causes={family: _table(costs) for family, costs in data["causes"].items()},
         dispersion=Dispersion(**kinds),
-        **known,
+        strain=None if strain is None else _numbers(strain),
     )
 
 

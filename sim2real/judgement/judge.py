@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.drift import DRIFT
 from sim2real.judgement.belief import Belief, Judge, channels_of, shipped
 from sim2real.judgement.commands_seen import SEEN
-from sim2real.judgement.drift import DRIFT
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.sightings import FOREIGN, LOUD
+from sim2real.recorded.drifting import DRIFTING
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 
 WIDE_FORM = 0.01
@@ -194,11 +195,11 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
     for names, cost, prior, candidate in rows:
         base = () if candidate is None else evidence.effects[candidate]
         explained = OF_LOST if LOST in base else ()
-        tones = {f: weight for f, weight in _tones_of(evidence, candidate).items() if f not in explained}
+        tones = {f: weight for f, weight in _tones_of(evidence, base).items() if f not in explained}
         propose((names, cost + sum(tones.values()), prior, candidate))
         for added, off in _named(tones, evidence):
             both = _joined(base, added)
-            if candidate is not None and added and len(both) <= 2:
+            if candidate is not None and added and len(both) <= 2 and len(both) == len({*both}):
                 propose((both, cost + off, prior * priors[len(both)] / priors[len(base)], candidate))
     return list(found.values())
 
@@ -226,17 +227,15 @@ def _joined(base: tuple[str, ...], added: tuple[str, ...]) -> tuple[str, ...]:
     return (*kept, *added)
 
 
-def _tones_of(evidence: Evidence, candidate: int | None) -> dict[str, float]:
-    """What tones weigh for a candidate, which may have taken up part of a drift."""
-    tones = dict(evidence.tones)
-    if DRIFT in tones and candidate is not None and evidence.taken_up is not None:
-        tones[DRIFT] = max(tones[DRIFT] - float(evidence.taken_up[candidate]), 0.0)
-    return tones
+def _tones_of(evidence: Evidence, base: tuple[str, ...]) -> dict[str, float]:
+    """What tones weigh beside fitted effects: a drift that was fitted leaves of the trends what a drift may."""
+    left = evidence.causes.get(DRIFT, {}).get(DRIFTING)
+    return {**evidence.tones, DRIFT: left} if DRIFTING in base and left is not None else dict(evidence.tones)
 
 
 def _unnamed(names: tuple[str, ...], candidate: int | None, evidence: Evidence) -> float:
     """What these effects leave of what the OPEN families weigh."""
-    left, tones = 0.0, _tones_of(evidence, candidate)
+    left, tones = 0.0, _tones_of(evidence, () if candidate is None else evidence.effects[candidate])
     for family in (f for f in OPEN if f in tones):
         causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family in OF_LOST else {})}
         left += min([tones[family], *(off for effect, off in causes.items() if effect in names)])

@@ -3,6 +3,8 @@
 from bisect import bisect_left
 from collections.abc import Sequence
 
+import numpy as np
+
 from sim2real.judgement.belief import LEVEL, Judge, channels_of
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry, lacking
@@ -10,20 +12,15 @@ from sim2real.judgement.judge import Entry, lacking
 MOST_NAMED = 5  # hypotheses of a set that a sentence names
 
 
-def likely(found: Sequence[Entry], reached: float) -> list[Entry]:
-    """The fewest of the hypotheses, the most probable first, whose probabilities exceed a sum together."""
-    kept, total = [], 0.0
-    for entry in found:
-        if total > reached:
-            break
-        kept.append(entry)
-        total += entry.probability
-    return kept
+def fewest(probabilities: Sequence[float], reached: float) -> int:
+    """How many hypotheses, the most probable first, have probabilities that exceed a sum together; all if none do."""
+    before = np.cumsum([0.0, *probabilities])[:-1]
+    return int(np.sum(before <= reached))
 
 
 def likely_of(found: Sequence[Entry], evidence: Evidence, judge: Judge) -> list[Entry]:
     """The hypotheses that hold the truth in LEVEL of all campaigns on these channels."""
-    return likely(found, judge.reached.get(channels_of(evidence), LEVEL))
+    return list(found[: fewest([e.probability for e in found], judge.reached.get(channels_of(evidence), LEVEL))])
 
 
 def rareness(evidence: Evidence, judge: Judge) -> tuple[float, int]:

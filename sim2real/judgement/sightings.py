@@ -62,7 +62,8 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     """
     found = []
     for i, part in enumerate(problem.parts):
-        found += _between(i, part, point) + _on_lines(i, part, point) + _bands(i, part, point, drifting)
+        between = [s for s in _between(i, part, point) if not (drifting and _is_trend(part, s.frequency))]
+        found += between + _on_lines(i, part, point) + _bands(i, part, point, drifting)
     found = _one_family(problem, _higher_harmonics(problem, found))
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
@@ -72,6 +73,16 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
         found += rest
     return found
+
+
+def _is_trend(part: Part, frequency: float) -> bool:
+    """Whether a tone lies so near an excited line that the periods hold no whole turn between them: it is then the
+    trend of that line, if there is one."""
+    record = part.record
+    if isinstance(record, OpenRecord):
+        return False
+    apart = abs(frequency - record.frequency[record.excited]).min(initial=np.inf)
+    return bool(apart < record.experiment.fundamental / record.count)
 
 
 def _higher_harmonics(problem: Problem, found: list[Sighting]) -> list[Sighting]:

@@ -2,8 +2,11 @@
 
 Bristles that only bend are a spring in series with a damper. Anything that creeps is one too, a cable or a rubber
 mount, and so is a weak echo of the motion. What tells friction is that its force has a limit. Likewise, a hysteresis
-whose width no current reaches lags by nothing and is a smaller gain. A fit which explains no less with a limit that is
-out of reach has found something linear under the effect's name.
+whose width no current reaches lags by nothing and is a smaller gain, or under ripple a lag in time. A fit which
+explains no less with a limit that is out of reach has found something linear under the effect's name.
+
+Of a hysteresis under ripple only a small part is bent, because the ripple wipes out most of the loop. Where such a fit
+leaves noise alone, it is enough that noise cannot have made what the limit saves.
 """
 
 from collections.abc import Mapping
@@ -13,16 +16,18 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
-from sim2real.search.fitting import Fit, inverse, real_product
+from sim2real.search.fitting import Fit
+from sim2real.search.following import following
 
 # Of each such effect, the parameters which, multiplied by the same factor, keep what it does to a small motion; the
 # first of them is the limit.
 LIMITED: Mapping[str, tuple[str, ...]] = {
     "friction": ("force", "velocity", "presliding", "stribeck"),
-    "hysteresis": ("width",),
+    "hysteresis": ("width", "ripple"),
 }
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
+RIPPLED = 20.0  # cost, in units of the reduced chi-square, that the limit of a hysteresis under ripple must save
 
 
 def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
@@ -44,15 +49,14 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
         return True
     values |= {key: factor * values[key] for key in limited}
     never = Point({**at.effects, name: values}, at.changes, at.dithered)
-    (linear,) = problem.data - problem.simulate([never])
+    (linear,) = problem.simulate([never])
     if not np.isfinite(linear).all():
         return True
     # All else follows, to first order, but for the coordinate that would bring the limit back.
     names = [(c.effect, c.parameter) for c in h.coordinates]
     free = np.array([own != (name, limited[0]) for own in names] + [True] * len(h.calibrated))
-    jacobian, prior, u = fit.jacobian[free], fit.prior[free], fit.u[free]
-    normal = real_product(jacobian, jacobian) + np.diag(prior)
-    gradient = real_product(jacobian, linear) - prior * u
-    followed = gradient @ inverse(normal) @ gradient
-    cost = float(np.vdot(linear, linear).real + prior @ u**2 - followed)
-    return cost - fit.cost > max(SHOWN * (without - fit.cost), SURELY)
+    cost = following(fit, free).cost(linear - (problem.data - fit.residual))
+    share = SHOWN * (without - fit.cost)
+    if values.get("ripple"):
+        share = min(share, RIPPLED * max(fit.cost / (2.0 * problem.data.size), 1.0))
+    return cost - fit.cost > max(share, SURELY)

@@ -5,9 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim2real.compared.drift import drift_of
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, tolerances, unseen_by_all
+from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, Point, tolerances, unseen_by_all
+from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.not_stable import not_stable
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
@@ -48,6 +51,8 @@ def attribute(
     """
     rig = problem.parts[0].record.nominal
     hidden = unseen_by_all([part.record for part in problem.parts])
+    if not may_drift(problem):
+        hidden |= {DRIFTING}
     allowed = tolerances(rig)
     progress("calibration")
     base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig))
@@ -87,6 +92,17 @@ def attribute(
     at_end = [f for f in (fits[0], *close) if not f.fresh and f.jacobian is not None]
     differentiate(at_end, problem.data, problem.simulate, True)
     return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
+
+
+def may_drift(problem: Problem) -> bool:
+    """Whether a drift of the gain would show: without a period, or where the periods have a trend.
+
+    In the mean over periods it is a steady gain.
+    """
+    if any(isinstance(part.record, OpenRecord) for part in problem.parts):
+        return True
+    drift = drift_of(problem, Point({}, {}))
+    return drift is not None and drift.shown
 
 
 def _may_blur(effects: Collection[str]) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from math import exp, inf, log
+from math import exp, inf, isinf, log
 
 import numpy as np
 
@@ -269,7 +269,7 @@ def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[
     free = replace(hypothesis.instead(name), shaped=(name,))
     smooth = f"{name}.{SHARPNESS}"
     for shape in shapes_of(name, hypothesis.scales):
-        for times, rounder in ELSEWHERE if shape.parameter.starts else ():
+        for times, rounder in ELSEWHERE if isinf(shape.parameter.default) else ():
             u = np.zeros(free.size)
             u[: len(free.coordinates)] = [c.at(c.high) for c in free.coordinates]
             knee = rest + times * reached

@@ -12,7 +12,8 @@ from itertools import combinations
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, reach, real_product
+from sim2real.search.fitting import Fit, reach
+from sim2real.search.following import following
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.screening import MOST_SCALED, extended
 
@@ -47,11 +48,9 @@ def joint_pairs(
     if len(kept) < 2:
         return []
     change = np.array([predicted[i] - (problem.data - base.residual) for i in kept])
-    solve = base.covariance()
-    cross = real_product(change, base.jacobian)
-    own = real_product(change, change) - cross @ solve @ cross.T
-    along = real_product(change, base.residual[None])[:, 0] - cross @ solve @ base.gradient
-    reachable = base.cost - float(base.gradient @ solve @ base.gradient)
+    follows = following(base)
+    own, along = follows.along(change)
+    reachable = base.cost - follows.promised
     found = []
     for a, b in combinations(range(len(kept)), 2):
         first, second = scaled[kept[a]], scaled[kept[b]]
@@ -70,7 +69,7 @@ def joint_pairs(
         ]
         h = base.hypothesis.instead(*names)
         u = extended(h, np.concatenate(sizes), base)
-        found.append((reachable - saved, h, u, solve @ (base.gradient - shares @ cross[[a, b]])))
+        found.append((reachable - saved, h, u, follows.step(shares @ change[[a, b]])))
     best = sorted(found, key=lambda each: each[0])[:JOINT]
     return [Proposed(h, _followed(base, h, u, step), cost) for cost, h, u, step in best]
 

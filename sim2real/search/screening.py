@@ -7,7 +7,8 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import TOLERANCE_EFFECTS
-from sim2real.search.fitting import Fit, cost_of, inverse, reach, real_product
+from sim2real.search.fitting import Fit, cost_of, reach
+from sim2real.search.following import following
 from sim2real.search.hypotheses import Hypothesis, coordinates_of
 
 MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
@@ -69,7 +70,7 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
         if key not in looks:
             looks[key] = _Look(seed, h, loudest.place)
         at = tuple(v for c, v in zip(h.coordinates, u, strict=False) if apart and c.parameter == "frequency")
-        promise = looks[key].followed(h, u, p - (single.data - looks[key].residual))
+        promise = looks[key].followed(h, u, p - (single.data - looks[key].follows.residual))
         tried.setdefault((*key, h.shaped, at), []).append(promise)
     # A linear prediction goes too far where an effect is large, so the cost is simulated where it leads.
     best = [p for same in tried.values() for p in sorted(same, key=lambda p: -p.saved)[:FOLLOWED]]
@@ -126,11 +127,7 @@ class _Look:
         rows = [i for i, name in enumerate(names) if name in own]
         self.seed, self.h, self.new = seed, h, slice(known, len(h.coordinates))
         self.columns = [own.index(names[i]) for i in rows]
-        self.residual = seed.residual[at]
-        self.jacobian, prior = np.ascontiguousarray(seed.jacobian[rows][:, at]), seed.prior[rows]
-        normal = real_product(self.jacobian, self.jacobian) + np.diag(prior)
-        self.solve = inverse(normal)
-        self.gradient = real_product(self.jacobian, self.residual) - prior * seed.u[rows]
+        self.follows = following(seed, rows, at)
         self.signed = any(c.signed for c in coordinates_of(h.effects[-1], h.scales))
 
     def followed(self, h: Hypothesis, u: np.ndarray, change: np.ndarray) -> _Promise:
@@ -143,38 +140,27 @@ class _Look:
             u: Its coordinates.
             change: What it adds to the seed's prediction.
         """
-        cross = real_product(self.jacobian, change)
         without = u.copy()
         for i, c in zip(range(self.new.start, self.new.stop), self.h.coordinates[self.new], strict=True):
             if c.scale is not None and c.parameter != "order":
                 without[i] = 0.0
+        own, along = (float(np.squeeze(v)) for v in self.follows.along(change[None]))
         if (without == u).all():
-            return _Promise(h, [self._moved(u, cross, 1.0)], self._saved(change, cross, 1.0))
+            return _Promise(h, [self._moved(u, change)], 2.0 * along - own)
         without = extended(self.h, without[: len(self.h.coordinates)], self.seed)
-        share = self._share(change, cross)
-        moved = [self._moved(without + part * (u - without), cross, part) for part in (share, 0.5 * share)]
-        return _Promise(h, moved, self._saved(change, cross, share))
+        share = self._share(own, along, float(np.vdot(change, change).real))
+        moved = [self._moved(without + part * (u - without), part * change) for part in (share, 0.5 * share)]
+        return _Promise(h, moved, share * (2.0 * along - share * own))
 
-    def _along(self, change: np.ndarray, cross: np.ndarray) -> tuple[float, float]:
-        """Square of a change, and its product with the residual, where the other parameters follow."""
-        own = np.vdot(change, change).real - cross @ self.solve @ cross
-        along = np.vdot(change, self.residual).real - cross @ self.solve @ self.gradient
-        return float(own), float(along)
-
-    def _saved(self, change: np.ndarray, cross: np.ndarray, share: float) -> float:
-        own, along = self._along(change, cross)
-        return share * (2.0 * along - share * own)
-
-    def _share(self, change: np.ndarray, cross: np.ndarray) -> float:
+    def _share(self, own: float, along: float, size: float) -> float:
         """Share of a change that fits the residual best when the other parameters may follow."""
-        own, along = self._along(change, cross)
-        if own <= 1e-9 * np.vdot(change, change).real or (along <= 0 and not self.signed):
+        if own <= 1e-9 * size or (along <= 0 and not self.signed):
             return 0.0
         return float(np.clip(along / own, -MOST_SCALED, MOST_SCALED))
 
-    def _moved(self, u: np.ndarray, cross: np.ndarray, share: float) -> np.ndarray:
+    def _moved(self, u: np.ndarray, change: np.ndarray) -> np.ndarray:
         moved = u.copy()
         step = np.zeros_like(u)
-        step[self.columns] = self.solve @ (self.gradient - share * cross)
+        step[self.columns] = self.follows.step(change)
         moved += step / np.max(abs(step) / reach(self.h, u), initial=1.0)
         return self.h.bounded(moved)

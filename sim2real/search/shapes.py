@@ -25,6 +25,12 @@ class Shape:
     def name(self) -> str:
         return f"{self.effect}.{self.key}"
 
+    def at(self, value: float) -> float:
+        """The coordinate of a value; of one whose logarithm is varied, above zero."""
+        p = self.parameter
+        middle = p.default if p.centre is None else p.centre
+        return log(value / middle) / p.shape if p.scale is None else (value - middle) / p.shape
+
     def value(self, u: float) -> float:
         p = self.parameter
         if isinf(p.default):

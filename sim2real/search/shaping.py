@@ -2,17 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, differentiate, inverse, iterate
+from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.following import following
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.shapes import shapes_of
 
 WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
 LEAST = 4.0  # cost that a linear prediction must promise
-STEPS = 12  # of a fit
+STEPS = 25  # of a fit; one that is a mode begins with too much damping
+SOUGHT = 2  # places that are followed of those at which what a form adds may lie
 
 
 def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int) -> list[Fit]:
@@ -32,7 +35,10 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     behind = least + WITHIN * (unexplained - least) if np.isfinite(unexplained) else 2.0 * least
     able = [f for f in fits if enough <= f.cost <= behind and np.isfinite(f.cost) and _free(f) != f.hypothesis.shaped]
     tried = sorted(able, key=lambda f: f.cost)[:most]
-    jobs = [(f, h, u) for f in tried for h in [replace(f.hypothesis, shaped=_free(f))] for u in _starts(f, h)]
+    jobs = []
+    for f in tried:
+        h = replace(f.hypothesis, shaped=_free(f))
+        jobs += [(f, h, u) for u in (*_starts(f, h), *_sought(problem, f, h))]
     freed = begin([h for _, h, _ in jobs], [u for *_, u in jobs], problem.data, problem.simulate)
     standing = [(f, new) for (f, *_), new in zip(jobs, freed, strict=True) if np.isfinite(new.cost)]
     differentiate([new for _, new in standing], problem.data, problem.simulate, True)
@@ -59,7 +65,8 @@ def _starts(fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
     """
     first, found = len(freed.coordinates), [_extended(fit, freed.calibrated)]
     for i, name in enumerate(freed.calibrated, first):
-        if name in freed.shapes and not np.isinf(freed.shapes[name].parameter.default):
+        shape = freed.shapes.get(name)
+        if shape and not (np.isinf(shape.parameter.default) or shape.parameter.added):
             for moved in (-1.0, 1.0):
                 u = found[0].copy()
                 u[i] += moved
@@ -76,7 +83,31 @@ def _extended(fit: Fit, calibrated: Sequence[str]) -> np.ndarray:
     return np.concatenate([fit.u[:own], [known.get(name, 0.0) for name in calibrated]])
 
 
+def _sought(problem: Problem, fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
+    """Coordinates at which a fit may start with what a form adds, such as a further mode: of all places where that may
+    lie those which promise most, sized to fit the residual best with all else following."""
+    first, own = len(freed.coordinates), _extended(fit, freed.calibrated)
+    found: list[np.ndarray] = []
+    for name in freed.shaped if fit.jacobian is not None else ():
+        at = {i: s for i, n in enumerate(freed.calibrated, first) if (s := freed.shapes.get(n)) and s.effect == name}
+        places = {i: s for i, s in at.items() if s.parameter.added and s.parameter.starts}
+        for size in (i for i, s in at.items() if s.parameter.added and s.parameter.scale and not own[i]):
+            tried = []
+            for values in product(*(s.parameter.starts for s in places.values())):
+                u = own.copy()
+                u[size] = at[size].at(at[size].parameter.scale)
+                u[[*places]] = [s.at(value) for s, value in zip(places.values(), values, strict=True)]
+                tried.append(u)
+            predicted = problem.simulate([freed.point(u) for u in tried])
+            standing = [i for i, p in enumerate(predicted) if np.isfinite(p).all()]
+            matrix, along = following(fit).along(predicted[standing] - (problem.data - fit.residual))
+            power = np.maximum(np.diag(matrix), 1e-300)
+            for i in np.argsort(-(np.maximum(along, 0.0) ** 2) / power)[:SOUGHT]:
+                tried[standing[i]][size] *= max(along[i], 0.0) / power[i]
+                found.append(freed.bounded(tried[standing[i]]))
+    return found
+
+
 def _promised(fit: Fit) -> float:
     """What a linear prediction saves of the cost."""
-    gradient = fit.gradient
-    return float(gradient @ inverse(fit.normal) @ gradient)
+    return following(fit).promised

@@ -12,9 +12,9 @@ from maglev_lanes.layout import LANES, LaneRows, row, rows_after
 
 # In the order in which their rows follow each other.
 BLOCKS = (
-    "magnets.rows", "mechanics", "second_body", "controller", "amplifier", "eddy", "actuator", "sensor", "external",
-    "further.command_path", "further.uneven_gain", "further.springs", "further.probe_play", "further.vibration",
-    "free.places",
+    "magnets.rows", "mechanics", "second_body", "further_body", "controller", "amplifier", "eddy", "actuator", "sensor",
+    "external", "further.command_path", "further.uneven_gain", "further.springs", "further.probe_play",
+    "further.vibration", "free.places",
     "self_sensing_pieces",
 )  # fmt: skip
 DECLARED = re.compile(r"^([A-Z][\w, ]+) = rows_after\(\s*([\w.]+),\s*f?\"([^\"]+)\",?\s*\)", re.MULTILINE)

@@ -1,6 +1,6 @@
 """A slow simulator of every effect, written from the effects' equations alone, with scipy's integrator."""
 
-from math import copysign, cos, exp, pi, sin, sqrt
+from math import copysign, cos, exp, expm1, hypot, pi, sin, sqrt
 from operator import mul
 
 import numpy as np
@@ -50,7 +50,7 @@ def saturated_law(rig, knee, sharpness, gain_change, stiffness_change):
 
 
 class FullAxis(Axis):
-    """One axis with every effect. States: y, v, amplifier, branches, hysteresis, mount, body, bristles, probe."""
+    """One axis with every effect. States: y, v, amplifier, branches, hysteresis, mount, bodies, bristles, probe."""
 
     def __init__(self, e: Experiment, axis: int, first: int) -> None:
         super().__init__(e, axis, first)
@@ -61,6 +61,7 @@ class FullAxis(Axis):
             self.magnets = saturated_law(rig, value("saturation"), value("saturation", "sharpness"), *changes)
         self.knees = [value("saturation", key) for key in ("current", "command", "sharpness")]
         self.power, self.unloading = value("hysteresis", "power"), value("hysteresis", "unloading")
+        self.ripple = value("hysteresis", "ripple")
         self.static, self.stribeck = value("friction", "static"), value("friction", "stribeck")
         self.feedback = value("amplifier_lag", "feedback")
         self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
@@ -71,6 +72,8 @@ class FullAxis(Axis):
         self.viscous = value("friction", "viscous")
         self.mount = [value("sensor_resonance", key) for key in (None, "damping_ratio", "coupling")]
         self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
+        ratio, times, damping = (value("support_resonance", f"further_{k}") for k in ("ratio", "frequency", "damping"))
+        self.further = [self.body[0] * times, damping, ratio]
         self.rub, self.slip = value("friction"), value("friction", "velocity")
         self.presliding = value("friction", "presliding")
         self.runout = [value("runout", key) for key in (None, "harmonics", "phase")]
@@ -79,7 +82,7 @@ class FullAxis(Axis):
         self.moment, self.moment_phase = value("unbalance"), value("unbalance", "phase")
         self.quarter = axis * pi / 2
         self.asymmetry = value("asymmetric_gain")
-        self.drift = [value("gain_drift", key) for key in (None, "depth", "frequency", "phase")]
+        self.drift = [value("gain_drift", key) for key in (None, "depth", "frequency", "phase", "settling")]
         self.cube, self.reach, self.stop = value("cubic_spring"), value("soft_stop"), value("soft_stop", "stiffness")
         self.steepness = value("soft_stop", "steepness")
         self.shake = [value("foreign_vibration", key) for key in (None, "frequency", "phase")]
@@ -89,7 +92,8 @@ class FullAxis(Axis):
         self.held = self.branch + len(rates)
         self.first_mount = self.held + 1
         self.first_body = self.first_mount + 2
-        self.bristles = self.first_body + 2
+        self.first_further = self.first_body + 2
+        self.bristles = self.first_further + 2
         self.first_sensor = self.bristles + 1
         self.size = self.first_sensor + len(self.sensor) - first
 
@@ -102,8 +106,9 @@ class FullAxis(Axis):
         return bent_by(lagging - self.strength * self.width * x[self.held], self.knees[0], self.knees[2])
 
     def uneven(self, t, current):
-        rate, depth, frequency, phase = self.drift
-        gain = 1 + rate * t + depth * sin(2 * pi * frequency * t + phase)
+        rate, depth, frequency, phase, settling = self.drift
+        lasting = -expm1(-settling * t) / settling if settling else t
+        gain = 1 + rate * lasting + depth * sin(2 * pi * frequency * t + phase)
         return gain * (current + self.asymmetry * abs(current))
 
     def pushed_back(self, y):
@@ -152,10 +157,12 @@ class FullAxis(Axis):
         outside = force + self.moment * self.speed**2 * cos(angle)
         push, rate, phase = self.shake
         outside += push * cos(2 * pi * rate * t + phase)
-        frequency, damping, ratio = self.body
-        turn, (r, rv) = 2 * pi * frequency, x[self.first_body : self.first_body + 2]
-        held_back = turn**2 * r + 2 * damping * turn * rv
-        a = (bearing + outside) / self.mass + (ratio if frequency else 0.0) * held_back
+        a, on_springs = (bearing + outside) / self.mass, []
+        for (frequency, damping, ratio), at in ((self.body, self.first_body), (self.further, self.first_further)):
+            turn, (r, rv) = 2 * pi * frequency, x[at : at + 2]
+            held_back = turn**2 * r + 2 * damping * turn * rv
+            a += (ratio if frequency else 0.0) * held_back
+            on_springs.append((rv, held_back))
         slopes = [v, a]
         source = bent_by(command, self.knees[1], self.knees[2])
         rate = 0.0
@@ -170,13 +177,15 @@ class FullAxis(Axis):
             source = x[j]
         slopes += [rate_k * (source - z) for rate_k, z in zip(self.rates, x[self.branch : self.held], strict=True)]
         z, toward = x[self.held], 1.0 if rate > 0 else -1.0
-        turned = 1 - abs(z) ** self.power if z * toward > 0 else 1 + self.unloading * abs(z) ** self.power
-        slopes.append(rate * turned / self.width)
+        back = z * abs(z) ** (self.power - 1) * (1.0 if z * toward > 0 else self.unloading)
+        slopes.append((rate - hypot(rate, self.ripple) * back) / self.width)  # ripple goes its way to and fro
         frequency, damping, coupling = self.mount
         turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
         driven = -coupling * bearing / self.mass if frequency else 0.0
         slopes += [wv, driven - 2 * damping * turn * wv - turn**2 * w]
-        slopes += [rv, -a - held_back if self.body[0] else 0.0, slope]
+        for rv, held_back in on_springs:
+            slopes += [rv, -a - held_back if self.body[0] else 0.0]
+        slopes.append(slope)
         source = y - w
         for j, time in enumerate(self.sensor, self.first_sensor):
             slopes.append((source - x[j]) / time)
@@ -245,7 +254,7 @@ PLACES = ("force", "current", "reference")
 
 def _scale(a: FullAxis) -> np.ndarray:
     sizes = np.full(a.size, 1e-12)
-    for j in (0, a.first_mount - a.first, a.first_body - a.first):
+    for j in (0, a.first_mount - a.first, a.first_body - a.first, a.first_further - a.first):
         sizes[j] = 1e-15
     sizes[a.first_sensor - a.first :] = 1e-15
     return sizes

@@ -8,6 +8,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.blind.cases import Answer, Case, named
 from sim2real.blind.judging.alike import alike_sets
 from sim2real.judgement.belief import LEVEL
+from sim2real.judgement.likely import fewest
 
 
 @dataclass(frozen=True)
@@ -109,15 +110,8 @@ def merged(answer: Answer) -> list[tuple[frozenset[str], float]]:
 
 
 def smallest_set(ranked: Sequence[tuple[frozenset[str], float]]) -> set[frozenset[str]]:
-    """The most probable hypotheses whose probabilities together reach 0.9."""
-    found: set[frozenset[str]] = set()
-    total = 0.0
-    for effects, probability in ranked:
-        if total >= LEVEL - 1e-9:
-            break
-        found.add(effects)
-        total += probability
-    return found
+    """The most probable hypotheses whose probabilities together reach LEVEL."""
+    return {effects for effects, _ in ranked[: fewest([p for _, p in ranked], LEVEL - 1e-9)]}
 
 
 SIZES = ((0.0, 1.0), (1.0, 10.0), (10.0, inf))  # multiples of the detection threshold

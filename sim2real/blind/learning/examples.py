@@ -26,12 +26,14 @@ class Example:
         truth: The right hypothesis, by the names of mechanisms.
         evidence: What was found.
         rig: The nominal rig.
+        version: Of the code that answered.
     """
 
     family: str
     truth: frozenset[str]
     evidence: Evidence
     rig: Rig
+    version: str = ""
 
     def found(self, judge: Judge) -> list[Entry]:
         """Its hypotheses by a judge. "calibration" is "none", because a real rig is never exactly nominal."""
@@ -64,7 +66,7 @@ def examples_of(folders: Sequence[Path]) -> list[Example]:
                 read = evidence_from_json(evidence)
             except ValueError as error:
                 raise ValueError(f"{folder / ANSWERS}/{case.id}.json: {error}") from None
-            found.append(Example(_family(case), _truth(case, rig), read, rig))
+            found.append(Example(_family(case), _truth(case, rig), read, rig, data["version"]))
     return found
 
 

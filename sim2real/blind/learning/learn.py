@@ -12,6 +12,7 @@ from sim2real.blind.judging.calibration import calibration_error
 from sim2real.blind.learning.examples import Example
 from sim2real.judgement.belief import LEVEL, Belief, Judge, channels_of
 from sim2real.judgement.judge import lacking
+from sim2real.judgement.likely import fewest
 
 # Each constant that is learned is known to a factor: standard deviation of its natural logarithm. The others say what
 # they mean (form_share, leftover and group_sd go with the cards of effects).
@@ -80,7 +81,7 @@ def learn(examples: Sequence[Example], before: Judge, progress: Callable[[str], 
     progress("all families")
     judge = replace(judge_of(examples, before, free), reached=reached)
     theirs = np.array([_told(e, before) for e in examples])
-    sizes = [1 + int(np.sum(np.cumsum(p)[:-1] <= reached[c])) for (c, _), p in zip(masses, lists, strict=True)]
+    sizes = [fewest(p, reached[c]) for (c, _), p in zip(masses, lists, strict=True)]
     return Learned(
         judge,
         (float(ours[:, 2].mean()), float(theirs[:, 2].mean())),

@@ -57,6 +57,10 @@ FORMS = {
     "a sharp knee, and the command saturates": (effect("saturation", 0.42, sharpness=10.0, command=0.15), 1e-4),
     "the current saturates": (effect("saturation", inf, sharpness=1.5, current=0.1), 1e-2),
     "Bouc-Wen": (effect("hysteresis", 0.3, width=0.05, power=1.8, unloading=0.2), 2e-2),
+    "two bodies": (
+        effect("support_resonance", 60.0, mass_ratio=0.1, further_ratio=0.05, further_frequency=2.2), 1e-6,
+    ),
+    "hysteresis under ripple": (effect("hysteresis", 0.3, width=0.05, ripple=20.0), 2e-2),
     "static friction": (
         effect("friction", 0.2, velocity=1e-4, presliding=2e-6, static=1.5, stribeck=2e-3, viscous=3.0), 1e-2,
     ),
@@ -141,6 +145,27 @@ def test_another_form_is_what_the_equations_say(name):
     (error,), change = worst_error_of_change(ideal(), {**ALL_FORMS, **effects}, ALL_FORMS, 40, [1], max_step=2e-5)
     assert change > 1e-3
     assert error < tolerance
+
+
+@pytest.mark.slow
+def test_ripple_does_to_hysteresis_what_noise_in_the_current_does_in_the_mean():
+    """Noise of the reading, through the controller, against a ripple as fast as this noise moves the current."""
+    rig = load_rig("hmb_free")
+    excited = Excitation("sphs", "current", 20.0, (1, 3, 5, 9, 15, 25), 0.15)
+    quiet = without_noise(Experiment(rig, rig.gains, (excited,), periods=2, transient_periods=20))
+    noise = replace(quiet.rig.noise, displacement=4e-7)
+    noisy = replace(quiet, rig=replace(quiet.rig, noise=noise), periods=200)
+    current = simulate_records([replace(noisy, excitations=(replace(excited, amplitude=1e-9),), periods=5)])[0][2]
+    ripple = float(np.abs(np.diff(current)).mean() * rig.control_rate)
+
+    def change(e, **form):
+        effects = ({}, effect("hysteresis", 0.3, width=0.03, **form))
+        none, held = (simulate_statistics([replace(e, effects=own)]).statistics.mean[0, 0] for own in effects)
+        return held - none
+
+    expected = change(noisy)
+    plain, rippled = (np.linalg.norm(change(quiet, **form) - expected) for form in ({}, {"ripple": ripple}))
+    assert plain > np.linalg.norm(expected) and rippled < 0.2 * np.linalg.norm(expected)
 
 
 @pytest.mark.slow

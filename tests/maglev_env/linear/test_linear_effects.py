@@ -238,6 +238,28 @@ def test_hysteresis_takes_its_share_of_a_small_current():
     np.testing.assert_allclose(held.amplifier, plain.amplifier, rtol=1e-9)
 
 
+def test_a_further_body_adds_its_dynamic_mass():
+    two = {"frequency": 60.0, "damping_ratio": 0.03, "mass_ratio": 0.1}
+    two |= {"further_ratio": 0.05, "further_frequency": 2.2, "further_damping": 0.01}
+    s = 2j * np.pi * LINES[LINES < 1000.0]
+    found = loop_response(of(effects={"support_resonance": two}), LINES[LINES < 1000.0])
+    carried = 1.0
+    for values in (two, {"frequency": 132.0, "damping_ratio": 0.01, "mass_ratio": 0.05}):
+        held, whole = mode(values, s)
+        carried = carried + values["mass_ratio"] * held / whole
+    plain = loop_response(of(), LINES[LINES < 1000.0])
+    bearing = FREE.support_damping * s + FREE.support_stiffness + linearise(force_law(FREE))[1]
+    expected = plain.plant * (FREE.mass * s**2 + bearing) / (FREE.mass * s**2 * carried + bearing)
+    np.testing.assert_allclose(found.plant, expected, rtol=1e-6)
+
+
+def test_under_ripple_hysteresis_takes_its_share_of_a_fast_current_alone():
+    slow = LINES[LINES < 1000.0]  # beyond, the sampled loop makes images of the lag
+    held = loop_response(of(effects=effect("hysteresis", 0.2, width=0.05, ripple=20.0)), slow)
+    lag = 0.05 / 20.0 * 2j * np.pi * slow
+    np.testing.assert_allclose(held.plant, (1 - 0.2 * lag / (1 + lag)) * loop_response(of(), slow).plant, rtol=1e-6)
+
+
 @pytest.mark.parametrize("offset", [0.0, 8e-5])
 @pytest.mark.parametrize("saturation", [0.5, 0.8, np.inf])
 @pytest.mark.parametrize(

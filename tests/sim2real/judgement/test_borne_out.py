@@ -66,4 +66,5 @@ def test_a_holdout_that_calibration_simulates_to_its_noise_shows_nothing(gap, ma
     holdout, _ = judged(gap, gap)
     weighed = Fit(Hypothesis((), {"mass": 0.01}), np.array([mass]), np.zeros(1), fitted * 40.0)
     attribution = SimpleNamespace(calibration=SimpleNamespace(fit=weighed), expected=40.0)
-    assert shows_nothing(holdout, attribution) == nothing
+    assert shows_nothing(holdout, attribution, 10.0) == nothing
+    assert not shows_nothing(holdout, attribution, 200.0)  # what differs between the recordings

@@ -344,11 +344,11 @@ def test_what_only_a_wrong_statement_of_the_rig_explains_is_unknown_beside_poor_
     assert judged(strained_rig)[1] != ("unknown",)
 
 
-def test_a_drift_weighs_for_each_what_that_has_not_taken_up():
-    """A delay that took up nothing of a drift needs it; a lag that took up all of it does not."""
+def test_a_drift_that_was_fitted_leaves_of_the_trends_what_a_drift_may():
+    """A delay needs the drift beside it; a fitted drift explains the trends itself, and is named once."""
     both = evidence({"": 500.0, **dict.fromkeys(SINGLES, 500.0), "delay": 0.0}, tones={"drift": 200.0})
     caused = replace(both, causes={"drift": {"gain_drift": 0.0}})
     assert judged(caused) == ("explained", ("delay", "gain_drift"))
-    assert judged(replace(caused, taken_up=np.zeros(len(both.effects)))) == ("explained", ("delay", "gain_drift"))
-    taken = np.where([names == ("delay",) for names in both.effects], 200.0, 0.0)
-    assert judged(replace(caused, taken_up=taken)) == ("explained", ("delay",))
+    fitted = evidence({"": 500.0, **dict.fromkeys(SINGLES, 500.0), "gain_drift": 0.0}, tones={"drift": 200.0})
+    assert judged(replace(fitted, causes={"drift": {"gain_drift": 2.0}})) == ("explained", ("gain_drift",))
+    assert judged(replace(fitted, causes={"drift": {"gain_drift": 150.0}})) == ("unexplained", ("unknown",))

@@ -1,13 +1,13 @@
 """On how many lines a resonance acts: one that explains a single line is no evidence of a resonance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sim2real.compared.simulated import Point
-from sim2real.judgement.on_one_line import LINES, acts_on_one_line, lines_of
+from sim2real.judgement.on_one_line import FLANKS, LINES, acts_on_one_line, flanks, lines_of
 from sim2real.search.fitting import begin
 from sim2real.search.hypotheses import Hypothesis
 
@@ -52,6 +52,18 @@ def test_a_narrow_mode_at_a_line_acts_on_that_line_alone():
     assert acts_on_one_line(*fit(25.05, 0.003))
     assert not acts_on_one_line(*fit(20.0, 0.1))  # between two lines: both answer, and the others
     assert not acts_on_one_line(*fit(25.0, 0.5))
+
+
+@pytest.mark.parametrize(("size", "alone"), [(0.3, True), (3.0, False)])
+def test_the_flanks_of_a_strong_mode_show_on_the_other_lines(size, alone):
+    """The same mode, whose flanks are lost in noise of variance one or stand out of it."""
+    b, one = fit(25.05, 0.003)
+    b = Bench(b.data * size)
+    strong = replace(one, residual=one.residual * size, jacobian=np.zeros((3, b.data.size), complex), cost=0.0)
+    change = -b.data
+    assert (flanks(b, strong, "sensor_resonance", change) < FLANKS) == alone
+    beside = np.delete(b.data.reshape(HIGH, -1), 2, axis=1)
+    assert flanks(b, strong, "sensor_resonance", change) == pytest.approx(np.sum(abs(beside) ** 2))
 
 
 def test_a_hypothesis_without_a_resonance_acts_as_it_does():

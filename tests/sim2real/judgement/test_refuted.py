@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from sim2real import diagnosis
@@ -20,7 +21,10 @@ def test_what_is_left_decides(monkeypatch, calibration, unknown, verdict):
     """Where calibration is then the most probable, nothing is missing."""
     monkeypatch.setattr(diagnosis, "borne_out", lambda *a: [])
     monkeypatch.setattr(diagnosis, "shows_nothing", lambda *a: False)
-    weighed = SimpleNamespace(found=entries(calibration, unknown), verdict="explained", cause=("damping",))
+    evidence = SimpleNamespace(cost=np.array([108.0, 100.0]))
+    weighed = SimpleNamespace(
+        found=entries(calibration, unknown), verdict="explained", cause=("damping",), evidence=evidence
+    )
     named = diagnosis._named(None, None, "holdout", None, weighed)
     assert (named.verdict, named.cause) == (verdict, () if verdict == "no_gap" else ("unknown",))
     assert not named.kept and any("not named" in note for note in named.notes)

@@ -1,12 +1,15 @@
 """Tones of recordings without a period, as the opened loop of a rig that was found shows them."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
 from sim2real.compared.open_tones import with_tones
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
-from sim2real.judgement.sightings import FOREIGN, sightings
+from sim2real.judgement.sightings import FOREIGN, _is_trend, sightings
 from sim2real.recorded.records import read_records
 
 TONE = 2e-6  # m, of the probe, at 61.7 Hz
@@ -21,3 +24,15 @@ def test_the_size_of_a_tone_is_that_of_the_rig_found(tmp_path):
     (seen,) = sightings(assemble([with_tones(record, found)], near=found), found)
     assert seen.family == FOREIGN and seen.frequency == pytest.approx(61.7, abs=0.1)
     assert seen.size == pytest.approx(TONE, rel=0.03)
+
+
+@pytest.mark.parametrize(("frequency", "trend"), [(43.76, True), (44.5, True), (45.0, False), (46.0, False)])
+def test_a_tone_that_the_periods_hardly_tell_from_a_line_may_be_its_trend(frequency, trend):
+    """Five periods of 0.25 s tell 0.8 Hz apart; only lines that are driven can drift."""
+    record = SimpleNamespace(
+        frequency=np.array([40.0, 44.0, 48.0]),
+        excited=np.array([False, True, False]),
+        experiment=SimpleNamespace(fundamental=4.0),
+        count=5,
+    )
+    assert _is_trend(SimpleNamespace(record=record), frequency) == trend

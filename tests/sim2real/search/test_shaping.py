@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from math import inf, log
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -115,3 +116,40 @@ def test_a_single_magnet_has_no_field_and_its_knees_lie_beyond_the_current_at_re
     closest = h.point(h.bounded(np.full(h.size, 1e3))).effects["saturation"]
     assert closest["current"] == closest["command"] == pytest.approx(1.01 * 0.9)
     assert replace(ball, effects=effect("saturation", **closest)).effects["saturation"]["current"] > 0.9
+
+
+LINES = np.arange(2.0, 60.0, 0.5)
+
+
+def on_springs(points):
+    """Motion per force of a free mass with one or two bodies on it, in noise of variance one."""
+    s, found = 2j * np.pi * LINES, []
+    for p in points:
+        carried = 1.0
+        own = p.effects.get("support_resonance", {})
+        first = own.get("frequency", 1.0), own.get("damping_ratio", 0.1), own.get("mass_ratio", 0.0)
+        times, damping = own.get("further_frequency", 2.5), own.get("further_damping", 0.02)
+        for frequency, ratio, mass in (first, (times * first[0], damping, own.get("further_ratio", 0.0))):
+            w = 2 * np.pi * frequency
+            held = w**2 + 2 * ratio * w * s
+            carried = carried + mass * held / (held + s**2)
+        found.append(1000.0 / carried)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("further", [(0.01, 2.4), (0.02, 0.4)])
+def test_a_further_body_is_found_wherever_its_mode_lies(further):
+    mode = effect("support_resonance", 15.0, damping_ratio=0.02, mass_ratio=0.08)["support_resonance"]
+    truth = {**mode, "further_ratio": further[0], "further_frequency": further[1], "further_damping": 0.015}
+    noise = np.random.default_rng(4).standard_normal((2, LINES.size))
+    data = on_springs([Point({"support_resonance": truth}, {})])[0] + noise[0] + 1j * noise[1]
+    b = SimpleNamespace(data=data, simulate=on_springs)
+    h = Hypothesis(("support_resonance",), {})
+    (plain,) = begin([h], [np.array([c.at(mode[c.parameter]) for c in h.coordinates])], b.data, on_springs)
+    iterate([plain], b.data, on_springs, 20)
+    (found,) = in_other_forms(b, 1e6, [plain], 1)
+    at = found.hypothesis.point(found.u).effects["support_resonance"]
+    assert plain.cost > 2 * 2 * LINES.size > found.cost
+    assert at["further_frequency"] == pytest.approx(further[1], rel=0.02)
+    assert at["further_ratio"] == pytest.approx(further[0], rel=0.2)
+    assert found.hypothesis.effects == ("support_resonance",)

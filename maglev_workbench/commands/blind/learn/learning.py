@@ -29,7 +29,7 @@ def learn_folder(folder: Path, out: Path, json_file: Path | None) -> None:
     made = made_of(folder)
     with locked(folder):
         examples = examples_of([folder])
-        versions = {json.loads(path.read_text())["version"] for path in (folder / ANSWERS).glob("*.json")}
+        versions = {example.version for example in examples}
         if len(versions) != 1:
             raise ValueError(f"{folder / ANSWERS}: answers of {len(versions)} versions; learn from a set of one")
         if not (folder / OPENED).exists():  # its truth is known from here on

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from campaigns import planned, repeated
 
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import load_rig
 from sim2real.blind.benchmark import at
@@ -14,22 +15,17 @@ from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
+from sim2real.compared import drift as drift_module
+from sim2real.compared.drift import FORM, Drift, _ringing, _slope, drift_of
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, tolerances
-from sim2real.judgement import drift
-from sim2real.judgement.drift import FORM, _slope, drift_of
+from sim2real.recorded.drifting import steady, trend
 from sim2real.recorded.records import read_records
 from sim2real.recorded.wander import straightened, without_wander
-from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
 
 NOMINAL, SEEDS = Point({}, {}), range(12)
-
-
-def nominal(problem):
-    """The untouched nominal rig as a fit."""
-    h = Hypothesis((), {})
-    return begin([h], [np.zeros(h.size)], problem.data, problem.simulate)[0]
 
 
 def problem(folder, effects=None, seeds=SEEDS):
@@ -76,10 +72,8 @@ def test_rates_of_recordings_are_weighed_by_their_variances(monkeypatch):
     """And by a share of the rate that a drift which is not steady may be off by, in each."""
     rates, sds = np.array([0.10, 0.13, 0.08]), np.array([0.002, 0.02, 0.01])
     rows = [(rate, sd, (rate / sd) ** 2, 1.0) for rate, sd in zip(rates, sds, strict=True)]
-    monkeypatch.setattr(drift, "_slope", lambda part, point: rows[part])
-    monkeypatch.setattr(drift, "_over_time", lambda *given: None)
-    fit = SimpleNamespace(hypothesis=SimpleNamespace(point=lambda u: None), u=None)
-    found = drift_of(SimpleNamespace(parts=range(3)), fit)
+    monkeypatch.setattr(drift_module, "_slope", lambda part, point: rows[part])
+    found = drift_of(SimpleNamespace(parts=range(3)), NOMINAL)
     variances = sds**2 + (FORM * found.rate) ** 2
     assert found.rate == pytest.approx((rates / variances).sum() / (1 / variances).sum(), rel=1e-3)
     assert found.se == pytest.approx((1 / variances).sum() ** -0.5, rel=1e-3)
@@ -89,7 +83,7 @@ def test_rates_of_recordings_are_weighed_by_their_variances(monkeypatch):
 @pytest.mark.slow
 def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
     found = problem(tmp_path)
-    assert drift_of(found, nominal(found)) is None
+    assert not drift_of(found, NOMINAL).shown
     slopes = [own for part in found.parts if (own := _slope(part, NOMINAL))]  # none where too few periods are steady
     z = np.array([rate / sd for rate, sd, *_ in slopes])
     assert len(z) > 0.8 * len(found.parts)
@@ -97,15 +91,54 @@ def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_rate_of_a_drift_is_found(tmp_path):
-    """Of a gain that the kernel multiplies by 1 + rate t."""
-    found = problem(tmp_path, effect("gain_drift", 0.1), range(3))
-    drift = drift_of(found, nominal(found))
-    assert abs(drift.rate - 0.1) < 0.02 + 3 * drift.se and drift.left < 0.1 * drift.chi2
+def test_periods_that_a_slow_loop_still_reaches_have_no_trend(tmp_path):
+    """At a point whose loop rings for long; at one that rings for all of the recording nothing is said."""
+    found = problem(tmp_path, seeds=range(1))
+    (part,) = found.parts
+    poles = {lag: _ringing(part.record, Point({"amplifier_lag": {"time_constant": lag}}, {})) for lag in (0.0, 6e-4)}
+    e = part.record.experiment
+    slow = abs(closed_loop_poles(replace(e, effects=effect("amplifier_lag", 6e-4)))).max()
+    lasting = np.log(3e-5) / np.log(slow) / e.samples_per_period - part.record.dropped
+    assert poles[0.0] <= 1 < lasting <= poles[6e-4] < lasting + 1
+    assert (_slope(part, Point({"amplifier_lag": {"time_constant": 6e-4}}, {})) is None) == (
+        part.record.count - poles[6e-4] < 4
+    )
 
 
 @pytest.mark.slow
-def test_a_drift_is_found_without_periods_too_and_there_is_none_without_it(tmp_path):
+def test_the_rate_of_a_drift_is_found_and_another_one_costs(tmp_path):
+    """Of a gain that the kernel multiplies by 1 + rate t."""
+    found = problem(tmp_path, effect("gain_drift", 0.1), range(3))
+    drift = drift_of(found, NOMINAL)
+    assert drift.shown and abs(drift.rate - 0.1) < 0.02 + 3 * drift.se and drift.left < 0.1 * drift.chi2
+    assert drift.against(drift.rate, 0.0) == 0 and drift.against(0.0, 0.0) > 10
+    assert drift.against(0.0, 1.0) < 0.1  # of a fit that tells nothing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("settling", (0.0, 3.0))
+def test_the_mean_over_periods_is_that_of_a_drift_that_is_simulated(tmp_path, settling):
+    """The kernel's own drift over all periods, against the steady gain in its place; the drift alone moves the mean by
+    many times as much."""
+    found = problem(tmp_path, effect("gain_drift", 0.1, settling=settling), range(1))
+    (part,) = found.parts
+    drifting = Point({"gain_drift": {"rate": 0.1, "settling": settling}}, {})
+    left, before = (found.data - found.simulate([p])[0] for p in (drifting, NOMINAL))
+    assert np.vdot(before, before).real > 2 * np.vdot(left, left).real
+    gain = steady(part.record, drifting.effects)["actuator_gain"]["change"]
+    at = part.record.start + np.linspace(0, part.record.count / part.record.experiment.fundamental, 20001)
+    assert gain == pytest.approx(np.mean(0.1 * (-np.expm1(-settling * at) / settling if settling else at)), rel=1e-3)
+    slope = np.polyfit(at, -np.expm1(-settling * at) / settling if settling else at, 1)[0]
+    assert trend(part.record, drifting.effects) == pytest.approx(0.1 * slope, rel=1e-2)
+    h = Hypothesis(("actuator_gain",), {})
+    (fit,) = begin([h], [np.zeros(1)], found.data, found.simulate)
+    iterate([fit], found.data, found.simulate, 8)
+    sd = h.coordinates[0].scale * np.sqrt(fit.covariance()[0, 0])
+    assert h.coordinates[0].value(fit.u[0]) == pytest.approx(gain, abs=4 * sd + 0.03 * gain)
+
+
+@pytest.mark.slow
+def test_without_periods_a_drift_is_fitted_and_explains_nothing_where_there_is_none(tmp_path):
     """Another hand's rotor under noise; its gain falls off exponentially, by 2 % a second in the mean."""
     rng = np.random.default_rng(11)
     rig = draw_rig("rotor", rng)
@@ -119,12 +152,18 @@ def test_a_drift_is_found_without_periods_too_and_there_is_none_without_it(tmp_p
         write_campaign(tmp_path / name, rig, "no_force", [(recording, True, made)])
         _, records = read_records(tmp_path / name)
         found = assemble(records)
-        h = Hypothesis((), tolerances(records[0].nominal), scales=records[0].nominal.scales)
-        fits = begin([h], [np.zeros(h.size)], found.data, found.simulate)
-        iterate(fits, found.data, found.simulate, 8)
-        differentiate(fits, found.data, found.simulate, True)
-        drift = drift_of(found, fits[0])
+        allowed, scales = tolerances(records[0].nominal), records[0].nominal.scales
+        hypotheses = [Hypothesis(names, allowed, scales=scales) for names in ((), ("gain_drift",))]
+        fits = begin(hypotheses, [np.zeros(h.size) for h in hypotheses], found.data, found.simulate)
+        iterate(fits, found.data, found.simulate, 10)
+        saved, rate = fits[0].cost - fits[1].cost, fits[1].hypothesis.coordinates[0].value(fits[1].u[0])
         if effects:
-            assert drift.rate == pytest.approx(mean, rel=0.15) and drift.chi2 > 50
+            assert rate == pytest.approx(mean, rel=0.15) and saved > 50
         else:
-            assert drift is None
+            assert saved < 12
+
+
+@pytest.mark.parametrize(("shown", "rate", "cost"), [(True, 0.1, 0.0), (True, 0.0, 100.0), (False, 0.0, 0.0)])
+def test_a_rate_is_held_against_that_of_the_periods(shown, rate, cost):
+    drift = Drift(0.1, 0.01, 100.0, 0.0, shown)
+    assert drift.against(rate, 0.0) == pytest.approx(cost)

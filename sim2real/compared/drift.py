@@ -1,0 +1,141 @@
+"""Evidence of an actuator gain that drifts over the periods of recordings: of each a trend along its derivative.
+
+Recordings without a period are simulated with the drift, which is an effect like any other there.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import ceil, log
+
+import numpy as np
+from scipy import stats
+
+from maglev_env.linear.poles import closed_loop_poles
+from sim2real.compared.problem import Part, Problem
+from sim2real.compared.simulated import SETTLED, Point, experiment_at
+from sim2real.recorded.drifting import steady
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+from sim2real.recorded.wander import straightened
+
+DRIFT = "drift"
+LEAST = 4  # periods below which a trend cannot be told from noise
+STEP = 0.01  # relative change of the gain for its derivative
+FALSE_ALARM = 1e-4
+NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
+CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain explains to count as something else
+OTHER = 0.3  # share of the trends that the gain's direction may leave, for its form and its derivative
+ROUNDS = 3  # of weighing the recordings
+FORM = 0.1  # relative error of the rate in one recording that a drift which is not steady may make
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What the periods of all recordings say of a drift of the actuator gain.
+
+    Attributes:
+        rate: Relative change of the gain per second.
+        se: Its standard error.
+        chi2: What the trends of all recordings weigh.
+        left: What one rate of the gain leaves of it.
+        shown: Whether noise alone would hardly make such trends.
+    """
+
+    rate: float
+    se: float
+    chi2: float
+    left: float
+    shown: bool
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The parameters of the effect gain_drift."""
+        return {"rate": self.rate}
+
+    def against(self, rate: float, sd: float) -> float:
+        """Cost of another rate, told with a standard error, beyond that of none where no drift is shown.
+
+        Args:
+            rate: Mean over the periods, 1/s.
+            sd: Its standard error.
+        """
+        apart = (rate - self.rate) ** 2 / (sd**2 + self.se**2 + (FORM * rate) ** 2)
+        return apart if self.shown else apart - (self.rate / self.se) ** 2
+
+
+def drift_of(problem: Problem, point: Point) -> Drift | None:
+    """What recordings with periods say of a drift of the gain; None if there are too few periods.
+
+    Args:
+        problem: the campaign.
+        point: the best known parameters, at which the gain is varied.
+    """
+    rows = [row for part in problem.parts if (row := _slope(part, point))]
+    if not rows:
+        return None
+    rate, sd, beyond, scatter = (np.array(column) for column in zip(*rows, strict=True))
+    chi2 = float(((rate / sd) ** 2).sum())
+    mean = float((rate / sd**2).sum() / (1 / sd**2).sum())
+    for _ in range(ROUNDS):  # a weight that grew less with each rate of its own would pull the mean to the least
+        weight = 1 / (sd**2 + (FORM * mean) ** 2)
+        mean = float((weight * rate).sum() / weight.sum())
+    left = float((weight * (rate - mean) ** 2).sum())
+    other = beyond - (rate / sd) ** 2  # trends in other directions, beyond what noise makes
+    surely = (other > CLEARLY * scatter) & (other > OTHER * beyond)
+    left += float(other[surely].sum())
+    shown = bool(stats.chi2.sf(chi2, len(rate)) <= FALSE_ALARM)
+    return Drift(mean, float(weight.sum() ** -0.5), chi2 + float(other[surely].sum()), left, shown)
+
+
+def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None:
+    """Relative change of the gain per second in one recording and its standard deviation, the chi-square of all trends
+    beyond its expectation, and its scatter; None where nothing can be said."""
+    record = part.record
+    if isinstance(record, OpenRecord) or record.count < LEAST or not record.nominal.controlled:
+        return None
+    if record.count - (ringing := _ringing(record, point)) < LEAST:
+        return None
+    turned = _by_gain(part, point)
+    if not np.isfinite(turned).all() or not turned.any():
+        return None
+    slopes, variance = trends(record, part, ringing)
+    turned, slopes, variance = (v[..., part.used] for v in (turned, slopes, variance))
+    precision = float((abs(turned) ** 2 / variance).sum())
+    change = float((turned.conj() * slopes / variance).real.sum() / precision)  # relative, in a period
+    chi2 = float((2 * abs(slopes) ** 2 / variance).sum()) - 2.0 * slopes.size
+    per_second = record.experiment.fundamental
+    return change * per_second, per_second / np.sqrt(2 * precision), max(chi2, 0.0), np.sqrt(4.0 * slopes.size)
+
+
+def _ringing(record: Record, point: Point) -> int:
+    """How many of the periods that are kept a transient of the loop may still reach, at a point.
+
+    A loop that is slower than the nominal one rings on where a nominal one is steady, and that is a trend, too.
+    """
+    e = record.experiment
+    radius = abs(closed_loop_poles(experiment_at(e, Point(steady(record, point.effects), point.changes)))).max()
+    if not SETTLED < radius < 1:
+        return 0
+    return max(ceil(log(SETTLED) / log(radius) / e.samples_per_period) - record.dropped, 0)
+
+
+def _by_gain(part: Part, point: Point) -> np.ndarray:
+    """Derivative (outputs, axes, n) of the residuals with respect to a relative change of the actuator gain."""
+    own = point.effects.get("actuator_gain", {}).get("change", 0.0)
+    more = {**point.effects, "actuator_gain": {"change": own + STEP * (1 + own)}}
+    here, there = part.predictor([point, replace(point, effects=more)])
+    return (there - here) / STEP
+
+
+def trends(record: Record, part: Part, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (outputs, axes, n) of the residuals over the periods from one on, and the variance of their noise,
+    E|n|^2."""
+    periods = part.opened.residuals(record.periods["displacement"], record.periods.get("current"))[first:]
+    slopes, rest = straightened(periods)
+    count = len(periods)
+    at = np.arange(count) - (count - 1) / 2
+    own = (abs(rest) ** 2).sum(axis=0) / (count - 2)
+    kernel, inside = np.ones(2 * NEIGHBOURS + 1), slice(NEIGHBOURS, -NEIGHBOURS)  # also of fewer lines than that
+    lines = np.convolve(np.ones(own.shape[-1]), kernel)[inside]
+    pooled = np.apply_along_axis(lambda v: np.convolve(v, kernel)[inside] / lines, -1, own)
+    return slopes, np.maximum(pooled, own / 4) / (at @ at)
