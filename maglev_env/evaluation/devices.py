@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from maglev_env.experiment import Experiment
-    from maglev_env.kernel.simulate import Block, Gathered
+    from maglev_env.kernel.blocks import Block
+    from maglev_env.kernel.simulate import Gathered
 
 DEVICES = ("cpu", "cuda")
 ON_GPU = 8192  # experiments that a GPU simulates at a time

@@ -23,7 +23,8 @@ from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.evaluation.target import protocol_of, score_target
 from maglev_env.evaluation.worst import drawn_experiments, worst_of
 from maglev_env.experiment import Experiment, axis_experiment
-from maglev_env.kernel.simulate import SimulatedStatistics, own_lanes, simulate_statistics
+from maglev_env.kernel.blocks import own_lanes
+from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
 from maglev_env.linear.poles import pole_radii
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import of_axis

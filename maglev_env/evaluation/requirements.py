@@ -13,8 +13,8 @@ from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.margin_errors import margin_errors
 from estimation.normal import NORMAL_95
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.blocks import Block
 from maglev_env.kernel.events import Event, simulated_events
-from maglev_env.kernel.simulate import Block
 from maglev_env.rig.goal import QUANTITIES, Goal, Requirement
 
 # The band in which a rotor has come to rest: a share of the peak, of the clearance, and times the rms of hovering,

@@ -12,7 +12,8 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.controllers import with_controllers
 from maglev_env.kernel.layout import WAVE
-from maglev_env.kernel.simulate import REGULAR, Block
+from maglev_env.kernel.state import REGULAR
+from maglev_env.kernel.blocks import Block
 from maglev_lanes.layout import LANES, row
 
 

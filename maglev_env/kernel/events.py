@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.kernel.layout import AXIS
-from maglev_env.kernel.simulate import Block, State, put_lanes, stretches
+from maglev_env.kernel.blocks import Block
+from maglev_env.kernel.state import State, put_lanes, stretches
 from maglev_env.loop.amplifier import X1, X2
 from maglev_env.loop.controller import RAW, U
 from maglev_env.loop.magnets.kinds import force_law

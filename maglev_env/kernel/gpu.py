@@ -6,7 +6,9 @@ import numpy as np
 
 from maglev_env.channels import NOISY, SPECTRAL
 from maglev_env.kernel.gpu_pieces import statistics_kernel, step_kernel, transform_kernel
-from maglev_env.kernel.simulate import Block, Gathered, State, line_amplitudes, waves_of
+from maglev_env.kernel.blocks import Block
+from maglev_env.kernel.simulate import Gathered, line_amplitudes
+from maglev_env.kernel.state import State, waves_of
 from maglev_env.rig.excitation import lines_at
 from maglev_lanes.gpu import free_memory, require_gpu
 from maglev_lanes.layout import LANES

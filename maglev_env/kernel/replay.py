@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from maglev_env.kernel.driven import Drive, Driven, driven
-from maglev_env.kernel.simulate import Block, State, put_lanes, stretches
+from maglev_env.kernel.blocks import Block
+from maglev_env.kernel.state import State, put_lanes, stretches
 from maglev_env.loop.mechanics import STEPS
 from maglev_lanes.layout import row
 from maglev_lanes.threads import over_threads

@@ -1,7 +1,7 @@
 """Run experiments in lanes: to line statistics, one period in memory at a time, or to full recordings."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,26 +11,16 @@ from numpy.typing import NDArray
 from estimation.lines.periods import LineStatistics
 from maglev_env.rig.excitation import lines_at
 from maglev_env.channels import NOISY, SPECTRAL
-from maglev_env.experiment import Experiment, axis_experiment, recorded_channels, sampling, spectral_channels
-from maglev_env.kernel.advance import kernel
-from maglev_env.kernel.lanes import LaneBatch, lane_batch, structural, structure_of, timing_of
-from maglev_env.kernel.layout import AXIS
-from maglev_env.kernel.structure import Structure
-from maglev_env.lane_values import lane_values
-from maglev_env.loop import actuator
+from maglev_env.experiment import Experiment, recorded_channels, sampling, spectral_channels
+from maglev_env.kernel.blocks import Block, blocks_of, common
+from maglev_env.kernel.state import State, put_lanes, stretches, waves_of
 from maglev_env.loop.amplifier import CURRENT_SQ
-from maglev_env.loop.mechanics import ALIVE, STEPS
-from maglev_env.loop.self_sensing_pieces import OFF_PEAK, OFF_SQ, OFF_SUM
 from maglev_env.loop.sensor import PEAK_SQ
-from maglev_lanes.layout import LANES, aligned, row
+from maglev_lanes.layout import LANES
 from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.noise import line_noise, series_noise
 from maglev_lanes.period_statistics import PeriodStatistics
 from maglev_lanes.threads import over_threads
-
-REGULAR = np.empty(0, np.int64)  # no ticks of their own
-TOGETHER = 256  # samples
-MOST_TURN = 0.1  # rad; the error of a step is then below 1e-6 of the motion
 
 
 @dataclass(frozen=True)
@@ -96,28 +86,9 @@ class GapError:
 class Gathered:
     """A block behind its experiment: its state at the end, and the statistics over the kept periods."""
 
-    block: "Block"
-    state: "State"
+    block: Block
+    state: State
     statistics: PeriodStatistics
-
-
-@dataclass(frozen=True)
-class Block:
-    """Up to LANES experiments of one structure.
-
-    Args:
-        batch: inputs of the kernel.
-        members: (n,), which of the experiments they are.
-        force_noise: of each lane, N.
-        experiment: one of them.
-        substeps: integration steps per control sample.
-    """
-
-    batch: LaneBatch
-    members: np.ndarray
-    force_noise: np.ndarray
-    experiment: Experiment
-    substeps: int
 
 
 def simulate_statistics(
@@ -139,7 +110,7 @@ def simulate_statistics(
     Raises:
         ValueError: Experiments differ in excitations, periods, offset or control rate, or keep fewer than two periods.
     """
-    first = _common(experiments)
+    first = common(experiments)
     if first.periods < 2:
         raise ValueError("experiment: statistics over periods need at least two kept periods")
     lines = lines_at(first.excitations)
@@ -168,7 +139,7 @@ def simulate_statistics(
         touchdown[block.members[~alive]] = state.touchdown_time()[: len(block.members)][~alive]
 
     if gathered is None:
-        for _ in over_threads(run, blocks or _blocks(experiments, substeps), threads):
+        for _ in over_threads(run, blocks or blocks_of(experiments, substeps), threads):
             pass
     else:
         for done in gathered:
@@ -192,7 +163,7 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     Raises:
         ValueError: As `simulate_statistics`, or the period is not a whole number of recorded samples.
     """
-    first = _common(experiments)
+    first = common(experiments)
     multiple, every = sampling(first.recorded_rate, first.rig.control_rate)
     substeps = multiple if multiple > 1 else substeps
     periods, axes = first.periods + first.transient_periods, first.rig.axes
@@ -218,181 +189,16 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
             if not np.isnan(time):
                 records[lane, ..., int(np.ceil(time * first.recorded_rate - 1e-6)) :] = np.nan
 
-    for _ in over_threads(run, _blocks(experiments, substeps), threads):
+    for _ in over_threads(run, blocks_of(experiments, substeps), threads):
         pass
     return records.reshape(len(experiments), len(names) * axes, -1)
 
 
-def prepared(experiments: Sequence[Experiment], substeps: int = 1) -> list[Block]:
-    """Lanes for `steady_spectra` and `replayed`: the constants of experiments that do not depend on gains, excitations
-    and offset. As many as possible share blocks.
-
-    Args:
-        experiments: of one rig.
-        substeps: least number of integration steps per control sample.
-    """
-    return _blocks(experiments, max(substeps, _enough_substeps(experiments[0])), joint=True)
-
-
-def _enough_substeps(e: Experiment) -> int:
-    """Integration steps per control sample, in each of which the rotor turns by MOST_TURN at most on its stiffness."""
-    values = lane_values([axis_experiment(e, axis) for axis in range(e.rig.axes)])
-    stiffness = abs(actuator.central_tangent(values)[1]) + values.rig("support_stiffness")
-    turn = float(np.sqrt(stiffness / values.mass).max()) / e.rig.control_rate
-    return max(1, int(np.ceil(turn / MOST_TURN)))
-
-
-def own_lanes(experiments: Sequence[Experiment]) -> list[Block]:
-    """Lanes of experiments under their own gains, which serve several simulations.
-
-    Raises:
-        ValueError: As `simulate_statistics`.
-    """
-    _common(experiments)
-    return _blocks(experiments, 1)
-
-
 def block_periods(experiments: Sequence[Experiment]) -> Iterator[Iterator[np.ndarray]]:
     """The simulator without statistics: for each block an iterator over periods, see `stretches`."""
-    first = _common(experiments)
-    for block in _blocks(experiments, 1):
+    first = common(experiments)
+    for block in blocks_of(experiments, 1):
         yield stretches(block, State(block), [waves_of(first)] * (first.transient_periods + first.periods))
-
-
-class State:
-    """The mutable arrays of one block while it runs."""
-
-    def __init__(self, block: Block) -> None:
-        batch = block.batch
-        pad = np.minimum(np.arange(LANES), batch.rows.shape[1] - 1)
-        self.axes = batch.structure.axes
-        self.rows = aligned((len(batch.rows), LANES))
-        self.rows[:] = batch.rows[:, pad]
-        self.seeds = np.ascontiguousarray(batch.seeds[..., pad])
-        self.history = np.zeros(self.axes * batch.history_length * LANES)
-        self.timing = batch.timing
-        self.step = 0
-        self._per_second = block.experiment.rig.control_rate * block.substeps
-        self._sensing = batch.structure.sensed is not None
-
-    def axis_rows(self, offset: int) -> np.ndarray:
-        """One row of every axis, (axes, LANES), a view."""
-        return self.rows[row(offset) : self.axes * row(AXIS) : row(AXIS)]
-
-    def forget(self) -> None:
-        """Reset the values that are accumulated over the kept periods."""
-        for gathered in (PEAK_SQ, CURRENT_SQ, OFF_SUM, OFF_SQ, OFF_PEAK):
-            self.axis_rows(gathered)[:] = 0.0
-
-    def gap_errors(self, samples: int) -> np.ndarray:
-        """Rms, bias and maximum of the sensed displacement's error over a number of samples, (3, LANES), m."""
-        if not self._sensing:
-            return np.full((3, LANES), np.nan)
-        rms, bias = np.sqrt(self.axis_rows(OFF_SQ) / samples), self.axis_rows(OFF_SUM) / samples
-        all_three = np.stack([rms, bias, self.axis_rows(OFF_PEAK)])
-        return np.take_along_axis(all_three, rms.argmax(axis=0)[None, None], axis=1)[:, 0]
-
-    def alive(self) -> np.ndarray:
-        """Which lanes have not touched down."""
-        return self.rows[row(ALIVE)] > 0
-
-    def touchdown_time(self) -> np.ndarray:
-        """Seconds to touchdown per lane, nan for lanes still alive."""
-        return np.where(self.alive(), np.nan, self.rows[row(STEPS)] / self._per_second)
-
-
-def _common(experiments: Sequence[Experiment]) -> Experiment:
-    if not experiments:
-        raise ValueError("give at least one experiment")
-    first = experiments[0]
-
-    def schedule(e: Experiment) -> tuple:
-        rates = e.rig.control_rate, e.recorded_rate
-        return e.excitations, e.periods, e.transient_periods, e.offset, e.rig.axes, rates, e.sensor == "probe"
-
-    if any(schedule(e) != schedule(first) for e in experiments):
-        raise ValueError("experiments in one batch must share excitations, periods, offset, axes, rates and sensor")
-    return first
-
-
-def _blocks(experiments: Sequence[Experiment], substeps: int, joint: bool = False) -> list[Block]:
-    """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
-    groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
-    known: dict[tuple, tuple[Structure, tuple[int, ...]]] = {}
-    for i, e in enumerate(experiments):
-        if (key := structural(e)) not in known:
-            own = structure_of(e)
-            known[key] = own.joint if joint else own, timing_of(e, substeps)
-        groups.setdefault(known[key], []).append(i)
-    blocks = []
-    for (structure, _), members in groups.items():
-        batch = lane_batch([experiments[i] for i in members], substeps, structure)
-        for start in range(0, len(members), LANES):
-            s = slice(start, start + LANES)
-            part = replace(batch, rows=batch.rows[:, s], seeds=batch.seeds[..., s])
-            noise = [experiments[i].rig.noise.force for i in members[s]]
-            noise += noise[-1:] * (LANES - len(noise))
-            blocks.append(Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
-    return blocks
-
-
-def stretches(
-    block: Block,
-    state: State,
-    schedule: Sequence[Sequence[np.ndarray]],
-    oversampled: bool = False,
-    silent: int = 0,
-    waves: int = 1,
-    spans: np.ndarray = REGULAR,
-) -> Iterator[np.ndarray]:
-    """Output (samples, axes, channels, LANES) of each stretch of a schedule; the buffer is reused. Ends when all have
-    touched down.
-
-    Args:
-        block: the lanes.
-        state: their state, which advances.
-        schedule: force, injection and reference of each stretch, flat, wave after wave.
-        oversampled: whether every substep is written.
-        silent: number of stretches at the beginning whose output is not wanted; they yield nothing.
-        waves: number of waves from which the lanes choose.
-        spans: integration steps of every control sample of the schedule; by default all have `Block.substeps`.
-    """
-    axes, structure = state.axes, block.batch.structure
-    step, switches = kernel(structure), structure.switches(block.substeps, oversampled, waves)
-    of_sample = axes, len(structure.channels), LANES
-    longest = max(driven[0].size for driven in schedule[silent:]) // (axes * waves)
-    out = aligned((longest * (block.substeps if oversampled else 1), *of_sample))
-    unseen = aligned((1, *of_sample))
-    kernel_seeds = np.ascontiguousarray(state.seeds[:, NOISY.index("displacement")]).reshape(-1)
-    for i, driven in enumerate(schedule):
-        samples = driven[0].size // (axes * waves)
-        own, to = spans[state.step : state.step + samples], unseen if i < silent else out
-        clocks = state.step, state.timing, switches, own
-        done = step(state.rows.reshape(-1), kernel_seeds, state.history, *clocks, *driven, to.reshape(-1))
-        state.step += done
-        if done < samples:
-            out[done * (block.substeps if oversampled else 1) :] = 0.0  # where nothing was written may be a nan
-        if i >= silent:
-            yield out
-        if done < samples:
-            return
-
-
-def put_lanes(series: np.ndarray, to: np.ndarray, rows: np.ndarray) -> None:
-    """Copy series (samples, axes, channels, lanes) into rows of another array, (n, channels, axes, samples).
-
-    Few samples at a time stay in the fast memory until all lanes have been read.
-    """
-    for at in range(0, len(series), TOGETHER):
-        part = series[at : at + TOGETHER].transpose(3, 2, 1, 0)
-        to[rows, ..., at : at + part.shape[-1]] = part
-
-
-def waves_of(e: Experiment) -> list[np.ndarray]:
-    """One period of force, injection and reference, axis after axis, in the kernel's layout."""
-    reference = np.atleast_2d(e.waveform("reference"))
-    reference[0] += e.offset
-    return [np.ravel(e.waveform("force")), np.ravel(e.waveform("current")), reference.reshape(-1)]
 
 
 def line_amplitudes(e: Experiment, place: str, lines: np.ndarray) -> np.ndarray:

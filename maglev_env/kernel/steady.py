@@ -6,7 +6,8 @@ import numpy as np
 
 from maglev_env.experiment import sampling
 from maglev_env.kernel.driven import Drive, Driven, driven
-from maglev_env.kernel.simulate import Block, State, stretches
+from maglev_env.kernel.blocks import Block
+from maglev_env.kernel.state import State, stretches
 from maglev_lanes.layout import LANES
 from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.period_statistics import as_complex

@@ -11,8 +11,8 @@ from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.goal_score import in_words, misses
 from maglev_env.evaluation.requirements import events_of
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.blocks import own_lanes
 from maglev_env.kernel.events import simulated_events
-from maglev_env.kernel.simulate import own_lanes
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.rig.rig import Rig
 from maglev_workbench.explore.curves import LoopCurves

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.kernel.simulate import Block
+from maglev_env.kernel.blocks import Block
 from maglev_env.loop.effect import effect_value
 from sim2real.compared.simulated import Point, Predictor
 from sim2real.recorded.channel_errors import ChannelError

@@ -7,8 +7,8 @@ from math import ceil, log, pi
 import numpy as np
 
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.blocks import Block, prepared
 from maglev_env.kernel.controllers import controller_kind
-from maglev_env.kernel.simulate import Block, prepared
 from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful

@@ -8,8 +8,8 @@ import scipy.fft
 
 from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.blocks import Block
 from maglev_env.kernel.replay import look_at_replays, replayed
-from maglev_env.kernel.simulate import Block
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.noise_response import NoiseResponse
 from sim2real.recorded.open_loop import Loop

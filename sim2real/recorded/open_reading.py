@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.channels import MEASURED
+from maglev_env.kernel.blocks import prepared
 from maglev_env.kernel.driven import Drive as Run
 from maglev_env.kernel.replay import replayed
-from maglev_env.kernel.simulate import prepared
 from maglev_env.loop.axes import suffixes
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.campaign_tables import ChannelSource

@@ -12,8 +12,9 @@ import numpy as np
 
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.kernel.blocks import Block, own_lanes
 from maglev_env.kernel.gpu import gathered_on_gpu
-from maglev_env.kernel.simulate import Block, own_lanes, simulate_statistics
+from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.effect import parse_effects
 from maglev_env.rig.rig import load_rig
 

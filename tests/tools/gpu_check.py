@@ -30,8 +30,9 @@ from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.evaluation.score import stacked
 from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
+from maglev_env.kernel.blocks import own_lanes
 from maglev_env.kernel.gpu import Lanes, gathered_on_gpu
-from maglev_env.kernel.simulate import own_lanes, simulate_statistics
+from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.gains import with_gains
 from maglev_env.rig.rig import load_rig
 from maglev_env.task.protocol import env_protocol

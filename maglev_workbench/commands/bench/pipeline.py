@@ -18,7 +18,8 @@ from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
-from maglev_env.kernel.simulate import own_lanes, simulate_statistics
+from maglev_env.kernel.blocks import own_lanes
+from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.linear.poles import pole_radii
 from maglev_env.rig.excitation import PLACES, lines_at
 from maglev_env.rig.rig import load_rig

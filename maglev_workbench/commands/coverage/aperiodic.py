@@ -122,9 +122,9 @@ def record(
     """
     import xarray as xr
 
+    from maglev_env.kernel.blocks import prepared
     from maglev_env.kernel.driven import Drive
     from maglev_env.kernel.replay import replayed
-    from maglev_env.kernel.simulate import prepared
 
     rig, shape = bench.rig, (true.rig.axes, SAMPLES)
     assert isinstance(rig.gains, Gains)

@@ -7,9 +7,10 @@ import numpy as np
 import scipy
 
 from maglev_env.experiment import Experiment
+from maglev_env.kernel.blocks import prepared
 from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.replay import replayed
-from maglev_env.kernel.simulate import prepared, simulate_records
+from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.effect import Effects
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation

@@ -16,8 +16,8 @@ from maglev_env.evaluation.goal_score import met
 from maglev_env.evaluation.requirements import NEAR, SETTLED, events_of
 from maglev_env.evaluation.worst import drawn_experiments
 from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.blocks import own_lanes
 from maglev_env.kernel.events import Event, simulated_events
-from maglev_env.kernel.simulate import own_lanes
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import load_rig, rig_from_toml

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from maglev_env.experiment import Experiment, without_noise
+from maglev_env.kernel.blocks import prepared
 from maglev_env.kernel.driven import Drive, driven
 from maglev_env.kernel.replay import STRETCH, replayed
-from maglev_env.kernel.simulate import prepared, simulate_records
+from maglev_env.kernel.simulate import simulate_records
 from maglev_env.kernel.steady import steady_spectra
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import with_gains

@@ -7,10 +7,11 @@ import pytest
 from gap_laws import changed_law, levitated
 
 from maglev_env.experiment import Experiment, without_noise
+from maglev_env.kernel.blocks import prepared
 from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.kernel.replay import STRETCH, replayed
-from maglev_env.kernel.simulate import prepared, simulate_records
+from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation

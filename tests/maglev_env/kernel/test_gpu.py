@@ -16,7 +16,8 @@ from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel import gpu
 from maglev_env.kernel.advance import kernel
-from maglev_env.kernel.simulate import State, own_lanes
+from maglev_env.kernel.blocks import own_lanes
+from maglev_env.kernel.state import State
 from maglev_env.kernel.touched import touched_rows
 from maglev_env.loop.effect import parse_effects
 from maglev_env.rig.rig import load_rig

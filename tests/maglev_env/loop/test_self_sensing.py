@@ -25,7 +25,9 @@ from maglev_env.experiment import (
     without_noise,
 )
 from maglev_env.kernel.advance import kernel
-from maglev_env.kernel.simulate import REGULAR, State, _blocks, simulate_records, simulate_statistics
+from maglev_env.kernel.blocks import blocks_of
+from maglev_env.kernel.simulate import simulate_records, simulate_statistics
+from maglev_env.kernel.state import REGULAR, State
 from maglev_env.linear.expected import expected_statistics
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import closed_loop_poles
@@ -165,7 +167,7 @@ def test_commands_pass_the_converter_count_for_count():
 
 def coil_currents(e, samples):
     """What flows in the kernel's coil at every control instant, A, and its gap, m."""
-    (block,) = _blocks([e], 1)
+    (block,) = blocks_of([e], 1)
     state = State(block)
     structure = block.batch.structure
     step, switches = kernel(structure), structure.switches()

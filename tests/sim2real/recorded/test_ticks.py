@@ -10,9 +10,9 @@ from ball_bench import BALL
 from bench_loop import Bench, write_campaign
 
 from maglev_env.experiment import Experiment, without_noise
+from maglev_env.kernel.blocks import prepared
 from maglev_env.kernel.driven import Drive
 from maglev_env.kernel.replay import replayed
-from maglev_env.kernel.simulate import prepared
 from maglev_env.loop.gains import as_table
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
