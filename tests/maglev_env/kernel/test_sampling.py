@@ -9,7 +9,7 @@ from planar_rigs import COUPLED, EVERY_EFFECT, GAINS
 from reference_simulator import simulate as simulate_slowly
 
 from maglev_env.experiment import Experiment, sampling, without_noise
-from maglev_env.kernel import simulate
+from maglev_env.kernel import state
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
@@ -132,8 +132,8 @@ def test_a_touchdown_in_x_and_y_raises_no_warning(monkeypatch):
         array.view(np.uint64)[...] = 0x7FF0000000000001  # signalling: every sum with it is an invalid operation
         return array
 
-    aligned = simulate.aligned
-    monkeypatch.setattr(simulate, "aligned", dirty)
+    aligned = state.aligned
+    monkeypatch.setattr(state, "aligned", dirty)
     rig = replace(COUPLED, clearance=0.2e-3, noise=Noise(1e-6, 0.1, 0.01))
     e = oblique(rig, Gains(500.0, 0.0, 0.2), transient_periods=0)
     with warnings.catch_warnings():
