@@ -18,7 +18,8 @@ from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.corrected import corrected_rig
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence

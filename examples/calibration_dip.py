@@ -20,7 +20,8 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from selfsense.calibration.dynamic import dynamic_calibration
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence

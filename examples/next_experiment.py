@@ -25,7 +25,8 @@ from maglev_env.loop.gains import NO_CONTROLLER, with_gains
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real import diagnose
 from sim2real.compared.simulated import Point, experiment_at, tolerances
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from maglev_env.recordings.spectra import RecordedSignals as RecordedSignals
     from maglev_env.rig.excitation import Excitation as Excitation
     from maglev_env.rig.rig import Rig as Rig
-    from maglev_env.rig.rig import load_rig as load_rig
     from maglev_env.rig.rig import with_parameters as with_parameters
+    from maglev_env.rig.rig_file import load_rig as load_rig
     from maglev_env.rig.self_sensor import rig_sensors as rig_sensors
     from maglev_env.rotor.evaluation import RotorEvaluation as RotorEvaluation
     from maglev_env.rotor.evaluation import evaluate_rotors as evaluate_rotors
@@ -53,7 +53,7 @@ _HOME = {
     "rig_sensors": "rig.self_sensor",
     "SelfSensing": "loop.self_sensor",
     "Rig": "rig.rig",
-    "load_rig": "rig.rig",
+    "load_rig": "rig.rig_file",
     "with_parameters": "rig.rig",
     "effect": "loop.effect",
     "EFFECTS": "loop.effect",

@@ -275,7 +275,7 @@ def _require_valid(rig: str | None, effects: list[str] | None) -> None:
 
         parse_effects(effects)
     if rig is not None and rig not in PRESETS["rig"] and not is_rotor(rig):
-        from maglev_env.rig.rig import load_rig
+        from maglev_env.rig.rig_file import load_rig
 
         load_rig(rig)
 

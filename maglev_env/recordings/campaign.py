@@ -21,7 +21,8 @@ from maglev_env.recordings.formats.text_layout import TextLayout, layout_table
 from maglev_env.recordings.left_out import LeftOut
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import PRESETS, Rig, load_rig, with_parameters
+from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.rig_file import PRESETS, load_rig
 
 __all__ = ["Campaign", "ChannelSource", "RecordingSpec", "load_campaign"]
 

@@ -16,7 +16,8 @@ from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.campaign_tables import CAMPAIGN_CHANNELS
 from maglev_env.recordings.files import write_csv, write_mat, write_npz, write_text_atomic
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import PRESETS, load_rig, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import PRESETS, load_rig
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -7,7 +7,8 @@ from typing import Any
 
 from maglev_env.loop.gains import as_table
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import PARAMETERS, SCHEMA, Rig
+from maglev_env.rig.rig import PARAMETERS, Rig
+from maglev_env.rig.rig_file import SCHEMA
 
 LINE = 100  # characters after which a list of numbers goes on in the next line
 

@@ -10,7 +10,8 @@ from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
 from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
-from maglev_env.rig.rig import ROTOR_FOLDER, ROTORS, Rig, load_rig
+from maglev_env.rig.rig_file import ROTOR_FOLDER, ROTORS, load_rig
+from maglev_env.rig.rig import Rig
 from maglev_env.fields import check_known, increasing_pair, table_as, toml_tables, toml_text
 from maglev_env.rotor.parts import Axial, Body, Fluid, Planes, Rejection, Runout, Touchdown, Unbalance
 

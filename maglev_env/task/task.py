@@ -20,7 +20,8 @@ from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.fields import is_number
 from maglev_env.loop.effect import Effects, as_effects, check_effects
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import Rig, axis_rig, load_rig
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_env.task.episodes import Episode, check_randomization, draw_episode
 from maglev_env.task.gain_box import GainBox, gain_box

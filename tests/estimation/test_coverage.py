@@ -15,7 +15,7 @@ from estimation.max_likelihood import least_squares_bias, maximum_likelihood
 from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import protocol_experiment, without_noise
 from maglev_env.kernel.simulate import simulate_statistics
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 CENTRES = (30.0, 70.0, 150.0, 240.0)
 RECORDS = 2000

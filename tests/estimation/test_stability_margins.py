@@ -10,7 +10,8 @@ from estimation.stability_margins import TOGETHER, loop_gain, margin_arrays, mar
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 
 LINES = np.unique(np.concatenate([[1], np.arange(5, 251, 5), np.round(np.geomspace(250, 2000, 41))])).astype(float)
 QUANTITIES = (

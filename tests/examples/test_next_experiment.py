@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 from next_experiment import EFFECTS, carried_out, cases, true_experiment

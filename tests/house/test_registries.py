@@ -16,7 +16,8 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import PLACES
-from maglev_env.rig.rig import PRESETS, ROTORS, Noise, Rig, load_rig
+from maglev_env.rig.rig import Noise, Rig
+from maglev_env.rig.rig_file import PRESETS, ROTORS, load_rig
 from maglev_env.rotor.rotor import load_rotor
 from maglev_env.task.task import make_task
 from maglev_workbench.cli import app

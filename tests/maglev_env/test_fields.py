@@ -3,7 +3,7 @@
 import pytest
 
 from maglev_env.fields import toml_tables
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 
 
 @pytest.mark.parametrize("value", [".05", "1,5", "5.", "free"])

@@ -17,7 +17,7 @@ from short_sweeps import short_rig, short_sweep
 from typer.testing import CliRunner
 from worker_jobs import deadly, said, slow_square, square
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.task import make_task
 from maglev_lanes import schedule
 from maglev_lanes.schedule import workers

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from textbook_controllers import by_hand
 
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 
 DOCS = Path(__file__).parents[2] / "docs" / "controllers.md"
 # The rig of the example in the documentation.

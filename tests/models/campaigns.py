@@ -12,7 +12,8 @@ from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation, lines_at
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.recorded.records import Record, read_records
 
 FUNDAMENTAL, PERIODS = 4.0, 4

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.blind.learning.examples import Example
 from sim2real.judgement.dispersion import ChiSquare, Dispersion
 from sim2real.judgement.evidence import Evidence

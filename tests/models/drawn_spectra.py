@@ -9,7 +9,8 @@ from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.linear.expected import expected_statistics
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 
 
 def draw(expected: LineStatistics, records: int, seed: int) -> LineStatistics:

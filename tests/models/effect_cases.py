@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 FREE = replace(load_rig("hmb_free"), support_stiffness=500.0, support_damping=3.0, protocol=None)
 CROSS = Cross(3000.0, -2000.0, 1.5, -1.0, 0.8, -0.5, 0.1, -0.07)

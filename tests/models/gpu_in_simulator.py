@@ -16,7 +16,7 @@ from maglev_env.kernel.blocks import Block, own_lanes
 from maglev_env.kernel.gpu import gathered_on_gpu
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.effect import parse_effects
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 CASES = {
     "one axis": ("hmb_free", ()),

@@ -7,7 +7,7 @@ from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER, Gains
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 FREE = replace(load_rig("hmb_free"), axes=2, support_stiffness=500.0, protocol=None)
 OTHER_Y = {

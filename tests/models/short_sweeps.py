@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from tuning.axis import Axis
 from tuning.sweep import Sweep
 

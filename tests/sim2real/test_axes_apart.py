@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real import axes_apart
 from sim2real.axes_apart import _of_both, along_both
 from sim2real.coefficients import Coefficient

@@ -12,7 +12,8 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign import Campaign
-from maglev_env.rig.rig import load_rig, rig_from_toml, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.compared.simulated import Point, experiment_at
 from sim2real.corrected import corrected_toml, write_corrected
 from sim2real.gap.locate import Where

@@ -14,7 +14,7 @@ from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.files import read_columns, write_csv
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.advice.next_experiment import SEPARATED
 from sim2real.diagnosis import diagnose
 from sim2real.search import attribute

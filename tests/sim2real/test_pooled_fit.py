@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.campaign import load_campaign
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 from sim2real import pooled_fit
 from sim2real.coefficients import Coefficient
 from sim2real.compared.problem import assemble

@@ -20,7 +20,8 @@ from maglev_env.loop.gains import NO_CONTROLLER, Gains
 from maglev_env.recordings.campaign_writer import excitation_table, toml_value
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation, lines_at
-from maglev_env.rig.rig import Rig, load_rig, with_parameters
+from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.rig_file import load_rig
 from sim2real.blind.menu import EFFECTS as MENU
 
 KINDS = ("named", "mass only", "current only", "open", "x-y")

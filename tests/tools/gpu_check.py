@@ -34,7 +34,7 @@ from maglev_env.kernel.blocks import own_lanes
 from maglev_env.kernel.gpu import Lanes, gathered_on_gpu
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.gains import with_gains
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_lanes.layout import LANES
 from maglev_lanes.processes import fresh_pool

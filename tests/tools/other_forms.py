@@ -503,7 +503,8 @@ def make(folder: Path, seed: int, effect: str, form: str) -> None:
     from maglev_env.recordings.campaign_writer import write_campaign
     from maglev_env.recordings.recording import simulated_recording
     from maglev_env.rig.excitation import Excitation
-    from maglev_env.rig.rig import load_rig, with_parameters
+    from maglev_env.rig.rig import with_parameters
+    from maglev_env.rig.rig_file import load_rig
 
     rng = np.random.default_rng([23, seed])
     springs = bool(rng.integers(2))

@@ -10,7 +10,7 @@ from maglev_env.design.controllers import with_controller
 from maglev_env.loop.controller_forms import Pid, StateFeedback
 from maglev_env.loop.effect import effect
 from maglev_env.loop.linear_controller import LinearController
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from tuning import sweep_run as module
 from tuning.axis import Axis, parse_axes, parse_axis
 from tuning.sweep import Sweep, default_axes, gain_sets

@@ -12,7 +12,7 @@ from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.advance import kernel
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.kernels import quiet_experiment, variants
 from maglev_workbench.commands.bench.timing import Size

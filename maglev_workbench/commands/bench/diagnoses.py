@@ -14,7 +14,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes.layout import LANES
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.timing import Size, alternately, stepper

@@ -24,7 +24,7 @@ from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.timing import Size, alternately
 

@@ -15,7 +15,8 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController, state_space
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force
-from maglev_env.rig.rig import Noise, Rig, load_rig
+from maglev_env.rig.rig import Noise, Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes.layout import LANES
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.timing import Size, alternately, stepper

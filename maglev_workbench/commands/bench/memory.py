@@ -10,7 +10,7 @@ from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.lanes import lane_batch
 from maglev_env.kernel.simulate import block_periods
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes.layout import LANES
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.kernels import quiet_experiment

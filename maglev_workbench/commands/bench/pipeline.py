@@ -22,7 +22,7 @@ from maglev_env.kernel.blocks import own_lanes
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.linear.poles import pole_radii
 from maglev_env.rig.excitation import PLACES, lines_at
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes.layout import LANES
 from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.noise import line_noise

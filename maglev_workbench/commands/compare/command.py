@@ -94,7 +94,7 @@ def compare(
 
     from maglev_env.loop.effect import parse_effects
     from maglev_env.recordings.files import write_text_atomic
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig_file import load_rig
     from maglev_env.task.task import make_task
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.compare.numbers import figures

@@ -8,7 +8,8 @@ import numpy as np
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import RIG_FOLDER, Rig, rig_from_toml
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import RIG_FOLDER, rig_from_toml
 
 # A steel ball below a coil, of which every step of the command moves the current by a third at most.
 BALL = """\

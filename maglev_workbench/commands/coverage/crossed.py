@@ -9,7 +9,8 @@ from estimation.xy.planar import PlanarEstimate
 from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.recordings.spectra import RecordedSignals
-from maglev_env.rig.rig import Noise, Rig, load_rig
+from maglev_env.rig.rig import Noise, Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.coverage.counts import Coverage, counted, interval
 from maglev_workbench.commands.coverage.disturbed import QUIET, Disturbed, of_power
 

@@ -16,7 +16,8 @@ from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals
-from maglev_env.rig.rig import Noise, Rig, load_rig
+from maglev_env.rig.rig import Noise, Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.coverage.counts import Coverage, counted, interval
 from maglev_workbench.commands.coverage.disturbed import QUIET, Disturbed, of_power
 

@@ -6,7 +6,8 @@ from pathlib import Path
 from maglev_env.fields import toml_text
 from maglev_env.recordings.campaign import Campaign, load_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
-from maglev_env.rig.rig import PRESETS, Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import PRESETS, load_rig
 from maglev_workbench.explore.copied import Source
 
 CORRECTED = Path("diagnosis", "corrected.toml")  # in the folder of a campaign, where maglev diagnose writes it

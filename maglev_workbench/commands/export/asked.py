@@ -22,7 +22,7 @@ def models_of(source: str, effects: Sequence[str]) -> list[Model]:
     added = parse_effects(effects)
     if not is_campaign(source):
         from maglev_env.design.defaults import with_defaults
-        from maglev_env.rig.rig import load_rig
+        from maglev_env.rig.rig_file import load_rig
 
         return rig_models(with_defaults(load_rig(source)), added)
     if added:

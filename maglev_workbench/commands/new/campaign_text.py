@@ -8,7 +8,7 @@ from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.evidence import Guess
 from maglev_env.recordings.guess.recording import RecordingGuess
-from maglev_env.rig.rig import PRESETS
+from maglev_env.rig.rig_file import PRESETS
 from maglev_workbench.commands.new.stated import Stated
 
 PLEASE = "please state:"

@@ -52,7 +52,7 @@ def new(
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.suspended import below_the_magnet
     from maglev_env.recordings.guess.verified import verified
-    from maglev_env.rig.rig import PRESETS, load_rig
+    from maglev_env.rig.rig_file import PRESETS, load_rig
     from maglev_workbench.commands.new import questions
     from maglev_workbench.commands.new.answer import HEAD, answer_of, rows
     from maglev_workbench.commands.new.campaign_text import campaign_text

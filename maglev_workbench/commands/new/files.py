@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from maglev_env.recordings.files import SAVE_AS, SUFFIXES, atomic_file
-from maglev_env.rig.rig import PRESETS
+from maglev_env.rig.rig_file import PRESETS
 
 JOINED = "_joined"  # how the name of a file ends that holds the columns of several
 

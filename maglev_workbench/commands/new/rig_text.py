@@ -7,7 +7,7 @@ from typing import Any
 from maglev_env.fields import toml_tables
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET
 from maglev_env.recordings.campaign_writer import toml_value
-from maglev_env.rig.rig import SCHEMA, load_rig
+from maglev_env.rig.rig_file import SCHEMA, load_rig
 from maglev_workbench.commands.new.campaign_text import PLEASE
 from maglev_workbench.commands.new.stated import Stated
 

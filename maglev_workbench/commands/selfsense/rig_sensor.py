@@ -5,7 +5,8 @@ from dataclasses import asdict
 from importlib.metadata import version
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.page import rig_facts
 from selfsense.sensor import SelfSensor

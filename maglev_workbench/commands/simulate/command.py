@@ -60,7 +60,7 @@ def simulate(
     from maglev_env.loop.gains import with_gains
     from maglev_env.recordings.campaign_writer import FORMATS, write_campaign
     from maglev_env.recordings.result_folder import locked
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig_file import load_rig
     from maglev_workbench.commands.simulate.recordings import PROTOCOLS, Recorded, excited, record, summary
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page

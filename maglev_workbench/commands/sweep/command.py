@@ -68,7 +68,7 @@ def sweep(
     from maglev_env.design.goals import with_goal
     from maglev_env.evaluation.devices import require_device
     from maglev_env.loop.effect import parse_effects
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig_file import load_rig
     from tuning.sweep import Sweep, default_axes
     from tuning.sweep_run import run_sweep
 

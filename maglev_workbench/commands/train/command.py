@@ -59,7 +59,7 @@ def train(
     from maglev_env.design.defaults import with_defaults
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.result_folder import claim, locked
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig_file import load_rig
     from maglev_lanes.code_version import code_version
     from maglev_lanes.price import check_experiments
     from maglev_lanes.schedule import workers

@@ -122,7 +122,7 @@ def tune(
     from maglev_env.loop.effect import parse_effects
     from maglev_env.loop.gains import of_axis
     from maglev_env.recordings.formats.json_data import plain
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig_file import load_rig
     from maglev_env.task.episodes import Episode
     from maglev_env.task.gain_box import parse_tuned
     from maglev_env.task.task import make_task

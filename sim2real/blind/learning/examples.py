@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Case, named, open_labels
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import Evidence

@@ -10,7 +10,7 @@ from maglev_env.design.controllers import with_controller
 from maglev_env.loop.controller_forms import Cascade, CurrentLoop, Pid
 from maglev_env.loop.filtered_pid import FilteredPid, LeadLag, LowPass, Notch
 from maglev_env.loop.gains import Gains, controller_response, digital, gain_values
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 FREE = load_rig("hmb_free")
 DT = 1 / FREE.control_rate

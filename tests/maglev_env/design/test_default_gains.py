@@ -13,7 +13,8 @@ from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Rig, axis_rig, load_rig
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig_file import load_rig
 
 BALL = Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, control_rate=1000.0)
 COIL = Rig("coil", "magnet_coil", mass=0.02, gap=15e-3, force_constant=2e-8, force_exponent=4.0, control_rate=1000.0)

@@ -17,7 +17,8 @@ from maglev_env.recordings.recording import simulated_recording
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.protocol import Protocol
-from maglev_env.rig.rig import Noise, Rig, axis_rig, load_rig, with_parameters
+from maglev_env.rig.rig import Noise, Rig, axis_rig, with_parameters
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.task import make_task
 
 

@@ -23,7 +23,7 @@ from maglev_env.envs.pictures.window import draw_frame, hide, show
 from maglev_env.experiment import without_noise
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.target import Target
 from maglev_env.task.task import infos, make_task
 

@@ -13,7 +13,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import maglev_env
 from maglev_env.envs.testing import check_vector_env
 from maglev_env.evaluation.score import WEIGHTS
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 
 SENSED = {"sensor": "self_sensing", "protocol": "quick"}

@@ -16,7 +16,7 @@ from maglev_env.experiment import axis_experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
 
 TARGET = ScoreTarget(30e3, 30.0, 2.5, 0.35e-3, 0.5, 0.35e-3)

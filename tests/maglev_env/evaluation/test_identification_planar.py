@@ -14,7 +14,7 @@ from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 
 TOML = """
 schema = "maglev-rig/1"

@@ -27,7 +27,8 @@ from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig, rig_from_toml, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 
 
 def recorded(e, held=True):

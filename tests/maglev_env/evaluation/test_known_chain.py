@@ -8,7 +8,7 @@ import pytest
 from estimation.actuator import actuator_estimate
 from estimation.lines.periods import LineStatistics
 from maglev_env.evaluation.known_chain import between_both, unknown_between
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 RATE, MASS, GAIN, STIFFNESS, DAMPING = 10_000.0, 2.0, 100.0, -3e5, 20.0
 RIG = replace(load_rig("hmb_free"), control_rate=RATE, amplifier_time_constant=0.0, tolerance={})

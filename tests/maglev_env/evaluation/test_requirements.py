@@ -20,7 +20,7 @@ from maglev_env.kernel.blocks import own_lanes
 from maglev_env.kernel.events import Event, simulated_events
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from maglev_env.task.protocol import env_protocol
 
 RIG = load_rig("hmb_free")

@@ -9,7 +9,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 
 def test_the_loop_rests_where_its_command_makes_up_for_the_offset():

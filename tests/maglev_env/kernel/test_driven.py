@@ -14,7 +14,7 @@ from maglev_env.kernel.steady import steady_spectra
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import with_gains
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 FREE = load_rig("hmb_free")
 LINES = np.array([1, 3, 8, 20])

@@ -14,7 +14,8 @@ from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 
 LAGS = {**effect("delay", 61.7e-6), **effect("amplifier_lag", 3e-5), **effect("sensor_lag", 2e-5)}
 NEUTRAL = {

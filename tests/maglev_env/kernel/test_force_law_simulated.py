@@ -15,7 +15,8 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 
 SAMPLES, L1, A = 400, 60e-3, 2.5e-3
 INDUCTANCES = {

@@ -14,7 +14,7 @@ from maglev_env.loop.free import element, places
 from maglev_env.loop.free.element import SHARES
 from maglev_env.loop.mechanics import V
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes.layout import LANES as W
 
 IDEAL = replace(without_noise(protocol_experiment(load_rig("hmb_free"))), periods=1, transient_periods=0)

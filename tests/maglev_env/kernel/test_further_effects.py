@@ -16,7 +16,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.further.command_path import left_of
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 IDEAL = replace(without_noise(protocol_experiment(load_rig("hmb_free"))), periods=1, transient_periods=0)
 NEUTRAL = {**effect("asymmetric_gain", 0.0), **effect("eddy_current", 3e3)}

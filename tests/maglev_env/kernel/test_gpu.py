@@ -20,7 +20,7 @@ from maglev_env.kernel.blocks import own_lanes
 from maglev_env.kernel.state import State
 from maglev_env.kernel.touched import touched_rows
 from maglev_env.loop.effect import parse_effects
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes import gpu as lanes_gpu
 
 SCRIPT = Path(gpu_in_simulator.__file__)

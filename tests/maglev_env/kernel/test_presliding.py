@@ -14,7 +14,7 @@ from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 MASS, SPRING, DAMPER = 0.08, 2e4, 1.0
 LEVEL = 0.05  # N

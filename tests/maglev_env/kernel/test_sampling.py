@@ -15,7 +15,8 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Noise, load_rig
+from maglev_env.rig.rig import Noise
+from maglev_env.rig.rig_file import load_rig
 
 FREE = replace(load_rig("hmb_free"), protocol=None)
 

@@ -17,7 +17,8 @@ from maglev_env.linear.expected import expected_statistics
 from maglev_env.loop.effect import effect, meaningful
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation, lines_at
-from maglev_env.rig.rig import Noise, axis_rig, load_rig
+from maglev_env.rig.rig import Noise, axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes.layout import LANES
 from maglev_lanes.noise import line_noise, series_noise
 from maglev_lanes.period_statistics import as_complex

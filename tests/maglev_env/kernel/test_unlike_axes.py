@@ -17,7 +17,8 @@ from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Noise, load_rig
+from maglev_env.rig.rig import Noise
+from maglev_env.rig.rig_file import load_rig
 
 BARE = replace(load_rig("hmb_free"), axes=2, protocol=None)
 

@@ -13,7 +13,8 @@ from maglev_env.kernel.advance import kernel
 from maglev_env.kernel.lanes import structure_of
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 
 pytestmark = pytest.mark.skipif(
     not binding.get_host_cpu_features().get("avx"),

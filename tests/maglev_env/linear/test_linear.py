@@ -14,7 +14,8 @@ from maglev_env.linear.plant import discrete_plant
 from maglev_env.linear.poles import closed_loop_poles, pole_radii
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 
 
 @pytest.mark.parametrize("name", ["hmb_free", "hmb_radial"])

@@ -17,7 +17,8 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER, Gains
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 
 RATE = 20000.0
 DT = 1 / RATE

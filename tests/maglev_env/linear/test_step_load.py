@@ -10,7 +10,7 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import closed_loop
 from maglev_env.linear.step_load import step_load
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 
 @pytest.mark.parametrize("effects", [{}, effect("delay", 1.3e-4)])

@@ -11,7 +11,8 @@ from maglev_env.loop.card import SLOWEST, SMALL_ROTOR, Scales
 from maglev_env.loop.effect import EFFECTS, effect, parse_effect
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import RIG_FOLDER, Rig, load_rig, rig_from_toml
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import RIG_FOLDER, load_rig, rig_from_toml
 from sim2real.search.hypotheses import Hypothesis, starts
 
 BALL = Rig("ball", "electromagnet", mass=0.018, gap=10e-3, turns=1000, pole_area=1e-4, control_rate=100.0)

@@ -25,7 +25,7 @@ from maglev_env.loop.linear_controller import LinearController
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.controller_tables import controllers_from_table
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 
 DT = 1e-3
 DOCS = Path(__file__).parents[3] / "docs" / "controllers.md"

@@ -16,7 +16,8 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains, LinearController, controller_response, state_space
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 
 DT = 1 / 20000.0
 # Damped a little, so that every rig here runs in the same compiled kernels.

@@ -18,7 +18,8 @@ from maglev_env.loop.magnets.energy import coenergy
 from maglev_env.loop.magnets.kinds import KINDS, force_law, geometric_law, inductance
 from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.loop.mechanics import LIMIT_SQ
-from maglev_env.rig.rig import Rig, load_rig, rig_from_toml, with_parameters
+from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_lanes.layout import LANES, row
 

@@ -9,7 +9,8 @@ import pytest
 from maglev_env.loop.magnets import rows
 from maglev_env.loop.magnets.kinds import KINDS, force_law
 from maglev_env.loop.magnets.law import force
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_lanes.layout import LANES, LaneRows, row
 
 PER_MASS = 3e-9 / 0.08  # s2/kg

@@ -10,7 +10,8 @@ from reference_simulator import force_law as written_out
 from maglev_env.loop.magnets.energy import coenergy
 from maglev_env.loop.magnets.kinds import KINDS, force_law, inductance
 from maglev_env.loop.magnets.law import force, linearise
-from maglev_env.rig.rig import Rig, load_rig, with_parameters
+from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.rig_file import load_rig
 from selfsense.coil import MU_0, coil_inductance
 
 RAW = {"actuator_gain": None, "negative_stiffness": None, "bearings": 1}

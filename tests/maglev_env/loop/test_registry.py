@@ -14,7 +14,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS, effect, meaningful
 from maglev_env.loop.free.places import NAMES as FREE
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.blind import menu
 
 DOCS = Path(__file__).parents[3] / "docs" / "formats.md"

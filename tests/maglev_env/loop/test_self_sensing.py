@@ -40,7 +40,7 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.rig.excitation import Excitation, lines_at
-from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from maglev_env.rig.self_sensor import self_sensor
 from maglev_lanes.layout import LANES
 from maglev_workbench.cli import app

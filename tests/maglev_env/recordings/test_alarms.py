@@ -15,7 +15,7 @@ from maglev_env.recordings.alarms.rail import touched_rail
 from maglev_env.recordings.alarms.rules import find_alarms
 from maglev_env.recordings.formats.time_stamps import check_clock
 from maglev_env.recordings.masking import clipped_samples
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 RATE, SAMPLES = 500.0, 6000
 KINDS = ("hover", "steps", "sine", "chirp", "noise", "burst and rest", "slow steps")

@@ -11,7 +11,7 @@ from maglev_env.recordings.campaign import ChannelSource, load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.files import write_npz
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 TOML = """schema = "maglev-campaign/1"
 rig = "hmb_free"

@@ -27,7 +27,8 @@ from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.rig.excitation import Excitation, lines_at
-from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 
 PRESET = (resources.files("maglev_env") / "rigs" / "hmb_radial.toml").read_text()
 # Axes that cannot be mistaken for one another: springs, damping and controllers of their own.

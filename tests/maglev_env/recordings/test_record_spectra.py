@@ -14,7 +14,7 @@ from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals, record_spectra
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 RATE, N = 1000.0, 500
 X, Y = Excitation("sphs", "force", 2.0, (1, 3, 7), 2.0, direction=30.0), Excitation("sphs", "current", 2.0, (4, 9), 0.1)

@@ -21,7 +21,8 @@ from maglev_env.recordings.files import write_csv, write_npz
 from maglev_env.recordings.masking import clipped_samples
 from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig
 
 
 def short(name: str, **changes) -> Experiment:

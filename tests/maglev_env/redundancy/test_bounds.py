@@ -3,7 +3,8 @@
 import numpy as np
 
 from maglev_env.redundancy.bounds import _of_one_coil
-from maglev_env.rig.rig import load_rig, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig
 
 
 def test_a_mean_current_of_the_size_of_the_bias_is_that_of_one_coil():

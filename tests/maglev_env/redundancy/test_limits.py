@@ -13,7 +13,7 @@ from maglev_env.loop.gains import as_table, controller_output
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.redundancy.rules import examine
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 
 DOCS = Path(__file__).parents[3] / "docs" / "controllers.md"
 TEXTS = [t for t in re.findall(r"```toml\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.S) if "schema" in t]

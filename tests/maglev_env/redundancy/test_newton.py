@@ -13,7 +13,8 @@ from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.newton import _row, moved
 from maglev_env.redundancy.rows import Fit, Row
 from maglev_env.redundancy.view import View
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 
 RATE, SAMPLES = 100.0, 3000
 BALL = Rig("ball", "electromagnet", mass=0.058, gap=10e-3, turns=1000, pole_area=3e-4, bearings=2, control_rate=RATE,

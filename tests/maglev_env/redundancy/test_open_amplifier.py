@@ -12,7 +12,7 @@ from maglev_env.redundancy.controller import applies
 from maglev_env.redundancy.periods import breaks
 from maglev_env.redundancy.view import View
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 PRESET = load_rig("hmb_free")
 RATE = PRESET.control_rate

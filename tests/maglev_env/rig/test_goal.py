@@ -5,7 +5,7 @@ import pytest
 from maglev_env.design.goals import goal_of, with_goal
 from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.goal import parse_goal
-from maglev_env.rig.rig import RIG_FOLDER, load_rig, rig_from_toml
+from maglev_env.rig.rig_file import RIG_FOLDER, load_rig, rig_from_toml
 
 TEXT = """
 peak_sensitivity <= 3                 # ISO 14839-3, zone A

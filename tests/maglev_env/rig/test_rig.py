@@ -14,7 +14,8 @@ from maglev_env.loop.card import SLOWEST
 from maglev_env.loop.effect import EFFECTS, effect, parse_effect, parse_effects
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.rig.excitation import Excitation, check_interleaved, lines_at
-from maglev_env.rig.rig import PRESETS, axis_rig, load_rig, rig_from_toml, with_parameters
+from maglev_env.rig.rig import axis_rig, with_parameters
+from maglev_env.rig.rig_file import PRESETS, load_rig, rig_from_toml
 
 TOML = """
 schema = "maglev-rig/1"

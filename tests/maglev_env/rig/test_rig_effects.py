@@ -16,7 +16,8 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, effect
 from maglev_env.recordings.campaign import load_campaign
-from maglev_env.rig.rig import axis_rig, load_rig, rig_from_toml, with_parameters
+from maglev_env.rig.rig import axis_rig, with_parameters
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from tuning.axis import Axis
 from tuning.sweep import Sweep
 from tuning.sweep_run import run_sweep

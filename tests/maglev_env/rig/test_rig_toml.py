@@ -9,7 +9,7 @@ from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import LinearController
 from maglev_env.loop.self_sensor import SelfSensing
-from maglev_env.rig.rig import PRESETS, load_rig, rig_from_toml
+from maglev_env.rig.rig_file import PRESETS, load_rig, rig_from_toml
 from maglev_env.rig.rig_toml import rig_toml
 
 FREE = load_rig("hmb_free")

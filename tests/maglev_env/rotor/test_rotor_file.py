@@ -5,7 +5,7 @@ from math import log
 
 import pytest
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rotor.parts import Axial, Body, Rejection, Touchdown
 from maglev_env.rotor.rotor import hollow_cylinder, load_rotor
 

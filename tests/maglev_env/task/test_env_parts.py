@@ -18,7 +18,8 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import Rig, axis_rig, load_rig, rig_from_toml
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from maglev_env.task.episodes import WIDE, draw_episode, wide_factors
 from maglev_env.task.gain_box import gain_box
 from maglev_env.task.protocol import env_protocol

@@ -14,7 +14,7 @@ from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.controller_forms import Cascade, CurrentLoop, Pid, StateFeedback
 from maglev_env.loop.filtered_pid import FilteredPid, LowPass, Notch
 from maglev_env.loop.gains import GAIN_CARDS, Gains, digital, gain_values
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.gain_box import TUNED, WIDE_RANGE, gain_box, parse_tuned
 from maglev_env.task.task import make_task
 from tuning.methods import make_tuner

@@ -8,7 +8,7 @@ from command_line import maglev
 from drawn_evidence import examples
 
 import sim2real
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.rig_toml import rig_toml
 from sim2real.blind.benchmark import generate as generator
 from sim2real.blind.learning import learn

@@ -17,7 +17,7 @@ import pytest
 import uvicorn
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.explore.copied import Source
 from maglev_workbench.explore.curves import loop_curves
 from maglev_workbench.explore.guard import MOST_BYTES

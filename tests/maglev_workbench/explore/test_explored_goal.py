@@ -9,7 +9,7 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import with_goal
 from maglev_env.experiment import protocol_experiment
 from maglev_env.recordings.campaign_writer import toml_table
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.rig_toml import rig_toml
 from maglev_workbench.commands.explore.asked import asked
 from maglev_workbench.explore.curves import loop_curves

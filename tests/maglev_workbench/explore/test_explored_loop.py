@@ -15,7 +15,8 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.loop.controller_forms import Pid
 from maglev_env.loop.effect import EFFECTS, effect, meaningful
 from maglev_env.loop.free import places as free
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.simulate import recordings
 from maglev_workbench.explore.copied import Source, copies
 from maglev_workbench.explore.curves import loop_curves

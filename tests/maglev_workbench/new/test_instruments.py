@@ -12,7 +12,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.recording import simulated_recording
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 
 RATE, FUNDAMENTAL = 20000.0, 4.0
 

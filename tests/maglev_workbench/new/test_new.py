@@ -16,7 +16,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.recording import read_recording, simulated_recording
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.cli import app
 from maglev_workbench.commands.new import questions
 

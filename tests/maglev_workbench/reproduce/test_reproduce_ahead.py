@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import solve_banded
 
 from maglev_env.design.hydraulics import impeller
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rotor.parts import Fluid
 from maglev_env.rotor.rotor import load_rotor
 from maglev_workbench.commands.reproduce.chapters.bearing import future, hydraulics, laminations

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.multisine.sphs import crest_factor, sphs, synthesise
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapters.causes import Cause, causes, radial_responses
 from maglev_workbench.commands.reproduce.chapters.coefficients.appendix_c import SUBTRACTED
 from maglev_workbench.commands.reproduce.chapters.coefficients.five_coefficients import (

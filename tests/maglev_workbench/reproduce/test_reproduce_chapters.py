@@ -8,7 +8,8 @@ import pytest
 from estimation.xy.planar import axis_statistics
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapters.coefficients.actuator_gain import MODE
 from maglev_workbench.commands.reproduce.chapters.coefficients.radial import LARGEST, SHAKER
 from maglev_workbench.commands.reproduce.chapters.identification.schroeder import LINES, by_the_letter

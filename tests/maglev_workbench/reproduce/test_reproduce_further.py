@@ -8,7 +8,7 @@ from scipy import signal
 
 from estimation.least_squares import least_squares
 from estimation.multisine.sphs import impulse, synthesise
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapters.bearing import flux_map, motor_drive
 from maglev_workbench.commands.reproduce.chapters.coefficients.pedestal_damping import standard_error
 from maglev_workbench.commands.reproduce.chapters.identification.mallet import TOP, _momentum

@@ -10,7 +10,7 @@ from estimation.multisine.sphs import crest_factor, harmonic_range, sphs, synthe
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import loop_response
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapters.self_sensed import self_sensing_dynamic as dynamic
 from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing import ITEMS
 from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_circuit import DISPLACEMENT, OUTPUT

@@ -11,7 +11,7 @@ from scipy import stats
 
 from estimation.multisine.sphs import harmonic_range, sphs, synthesise
 from maglev_env.design.defaults import with_defaults
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.commands.selfsense.calibrate import sources as calibrate_sources
 from maglev_workbench.commands.selfsense.calibrate.numbers import lag_at, lags, surely_within

@@ -9,7 +9,7 @@ import pytest
 from command_line import maglev
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from selfsense.linear import tracking
 

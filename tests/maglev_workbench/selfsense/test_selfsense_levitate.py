@@ -13,7 +13,7 @@ from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gains import with_gains
 from maglev_env.recordings.formats.json_data import plain
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.commands.selfsense.levitate import experiments
 from maglev_workbench.commands.selfsense.levitate.experiments import SEEDS, compare, map_plan

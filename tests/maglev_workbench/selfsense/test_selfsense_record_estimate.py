@@ -14,7 +14,7 @@ from scipy.io import savemat
 from maglev_env.design.defaults import with_defaults
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.commands.selfsense.record.recording import Motion, recorded_coil
 from selfsense.design import design_pi

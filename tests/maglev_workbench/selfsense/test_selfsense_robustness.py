@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force
 from maglev_env.recordings.formats.json_data import plain
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.selfsense.robustness import experiments
 from maglev_workbench.commands.selfsense.robustness.experiments import (
     AS_BELIEVED,

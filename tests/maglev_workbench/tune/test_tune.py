@@ -11,7 +11,7 @@ from command_line import maglev
 
 from maglev_env.design.controllers import with_controller
 from maglev_env.rig.goal import parse_goal
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.gain_box import gain_box
 from maglev_workbench.commands.tune.advised import unstated_noise
 from maglev_workbench.commands.tune.figures import where_figure

@@ -15,7 +15,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
 
 run = partial(maglev, "tune")

@@ -9,7 +9,8 @@ from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import LinearController
-from maglev_env.rig.rig import load_rig, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig
 from sim2real.advice import gain_choice as own
 from sim2real.advice.gain_choice import FACTORS, GainChoice, gain_choice, gain_sets
 from sim2real.compared.simulated import Point

@@ -8,7 +8,7 @@ import pytest
 from maglev_env.lane_values import shaped_law
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise, reshaped
-from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.plant import pull
 from sim2real.blind.benchmark.rigs import draw_rig

@@ -17,7 +17,8 @@ from maglev_env.loop.magnets.law import force
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Noise, load_rig, with_parameters
+from maglev_env.rig.rig import Noise, with_parameters
+from maglev_env.rig.rig_file import load_rig
 from sim2real.blind import generate as generator
 from sim2real.blind import stepping
 from sim2real.blind.excitation import FUNDAMENTAL, Drive, draw_drive, draw_grid

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import chirp, lfilter
 
 from maglev_env.experiment import Experiment
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.recorded.open_record import EACH, TOGETHER, compared
 
 FREE = load_rig("hmb_free")

@@ -5,7 +5,7 @@ import pytest
 
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 from sim2real.compared.crossed import TURNED, turned_force
 from sim2real.compared.problem import assemble
 from sim2real.recorded.records import read_records

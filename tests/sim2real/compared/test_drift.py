@@ -9,7 +9,7 @@ from campaigns import planned, repeated
 
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig

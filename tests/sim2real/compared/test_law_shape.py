@@ -11,7 +11,7 @@ from maglev_env.lane_values import shaped_law
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.recordings.campaign import load_campaign
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 from sim2real.compared.law_shape import FORM_NAME, STEEPNESS_NAME, bent, law_shapes
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point

@@ -9,7 +9,7 @@ import pytest
 from ball_bench import BALL, record
 
 from maglev_env.recordings.campaign import load_campaign
-from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from maglev_workbench.commands.estimate.recordings import identify_campaign
 from sim2real import diagnosis
 from sim2real.search.hypotheses import REPLACED, USUAL, WIDER, Hypothesis, usual_tolerances

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.rig_toml import rig_toml
 from maglev_workbench.commands.diagnose.free import free_sections
 from sim2real.compared.problem import assemble

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from maglev_env.loop.effect import EFFECTS
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.simulated import Point
 from sim2real.judgement import judge as judge_module
 from sim2real.judgement.belief import Judge

@@ -3,7 +3,7 @@
 import pytest
 from ball_bench import BALL
 
-from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.judgement.outside_meaning import NO_RESONANCE, meaningless_cost
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis

@@ -14,7 +14,7 @@ from maglev_env.loop.gains import as_table
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.recordings.campaign_writer import toml_value
-from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.compared.law_shape import law_shapes
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point

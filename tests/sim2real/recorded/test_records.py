@@ -12,7 +12,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.line_kinds import KINDS, informative, line_kinds
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records

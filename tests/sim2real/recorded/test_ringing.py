@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.rig.rig import load_rig, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.open_tones import with_tones
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_evidence import open_noise

@@ -17,7 +17,7 @@ from maglev_env.loop.gains import as_table
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.recording import read_recording
-from maglev_env.rig.rig import rig_from_toml
+from maglev_env.rig.rig_file import rig_from_toml
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
 from sim2real.recorded import records

@@ -7,7 +7,8 @@ import pytest
 from campaigns import planned, repeated
 
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import load_rig, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, tolerances
 from sim2real.search.candidates import Candidate

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.search.fitting import begin, differentiate
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.joint import joint_pairs

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
-from maglev_env.rig.rig import RIG_FOLDER, load_rig
+from maglev_env.rig.rig_file import RIG_FOLDER, load_rig
 from sim2real.compared.simulated import tolerances
 from sim2real.diagnosis import diagnose
 from sim2real.search import attribute

@@ -19,7 +19,7 @@ from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_env.task.task import make_task
 from maglev_workbench.commands.tune.next_recording import summary

@@ -9,7 +9,7 @@ import pytest
 
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import of_axis
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import make_task
 from tuning.comparison.rigs import held_out

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from maglev_env.loop.effect import NO_EFFECTS, Effects, effect
-from maglev_env.rig.rig import Rig, axis_rig, load_rig
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     SWITCHING,
     Shaker,

@@ -45,7 +45,7 @@ def estimate(
     # What is asked for is right: now the imports that take longer.
     from maglev_env.design.defaults import with_defaults
     from maglev_env.recordings.files import write_npz
-    from maglev_env.rig.rig import load_rig
+    from maglev_env.rig.rig_file import load_rig
     from maglev_env.rig.self_sensor import rig_sensors
     from maglev_workbench.commands.selfsense.estimate.recorded_coils import coils_of, read_coil, sense
     from maglev_workbench.commands.selfsense.estimate.report import (

@@ -9,7 +9,7 @@ from sealed_sets import diagnosis
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.loop.gains import with_gains
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
 from sim2real.advice import gain_choice
 from sim2real.advice.gain_choice import FACTORS

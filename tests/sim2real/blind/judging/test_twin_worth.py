@@ -8,7 +8,7 @@ import pytest
 from sealed_sets import diagnosis, label, seal
 from typer.testing import CliRunner
 
-from maglev_env.rig.rig import load_rig, rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from maglev_env.task.protocol import env_protocol
 from maglev_workbench.cli import app
 from maglev_workbench.commands.compare import twin as command_twin

@@ -3,7 +3,7 @@
 import numpy as np
 
 from maglev_env.experiment import Experiment, without_noise
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.recorded.drive.drive import Drive
 from sim2real.recorded.drive.quiet import quiet
 

@@ -9,7 +9,7 @@ import pytest
 from maglev_env.loop.gains import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from sim2real.recorded.drive.drive import drive_of
 from sim2real.recorded.drive.stand_in import HOLDING, STIFF, holds, stand_in
 

@@ -12,7 +12,8 @@ from maglev_env.design.stator import StatorSection, attraction
 from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import geometric_law, inductance
 from maglev_env.loop.magnets.law import ForceLaw, linearise
-from maglev_env.rig.rig import Rig, load_rig, with_parameters
+from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, labelled_axis, styled
 

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rotor.rotor import load_rotor
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, styled

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from selfsense.coil import MU_0

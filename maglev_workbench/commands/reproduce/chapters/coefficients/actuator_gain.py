@@ -11,7 +11,8 @@ from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.loop.magnets.kinds import force_law, geometric_law
 from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Rig, axis_rig, load_rig
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from selfsense.coil import MU_0

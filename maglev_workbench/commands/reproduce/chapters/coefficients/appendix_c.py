@@ -4,7 +4,8 @@ import numpy as np
 
 from estimation.bands import sliding_bands
 from estimation.least_squares import least_squares
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.coefficients.five_coefficients import (
     FiveCoefficients,

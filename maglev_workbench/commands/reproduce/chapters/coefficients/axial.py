@@ -7,7 +7,7 @@ import numpy as np
 from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.coefficients.radial import largest_direct_stiffness, radial_damping
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, simulated

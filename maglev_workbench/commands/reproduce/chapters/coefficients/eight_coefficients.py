@@ -7,7 +7,8 @@ from estimation.xy.planar import CONDITION_LIMIT, eight_coefficients
 from estimation.xy.planar_least_squares import planar_least_squares
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, simulated
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row
 from maglev_workbench.page import COLOURS, styled

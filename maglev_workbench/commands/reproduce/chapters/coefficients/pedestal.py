@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.max_likelihood import maximum_likelihood
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, receptance, simulated
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import load_rig, with_parameters
+from maglev_env.rig.rig import with_parameters
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.coefficients.pedestal import BANDS, FIT, SHAKER, STIFFNESS
 from maglev_workbench.commands.reproduce.chapters.shaker import least_squares_bands, simulated

@@ -10,7 +10,8 @@ from estimation.max_likelihood import maximum_likelihood
 from estimation.xy.planar import axis_statistics
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import axis_rig, load_rig
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.coefficients.radial import SHAKER
 from maglev_workbench.commands.reproduce.chapters.shaker import (

@@ -13,7 +13,8 @@ from maglev_env.linear.expected import expected_statistics
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import Rig, axis_rig, load_rig
+from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     SWITCHING,

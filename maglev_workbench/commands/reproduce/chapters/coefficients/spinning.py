@@ -5,7 +5,7 @@ import numpy as np
 from estimation.bands import sliding_bands
 from estimation.xy.planar import axis_statistics
 from maglev_env.loop.effect import effect
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.coefficients.radial import SHAKER
 from maglev_workbench.commands.reproduce.chapters.shaker import least_squares_bands, receptance, simulated

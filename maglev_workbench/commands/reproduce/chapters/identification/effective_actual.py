@@ -11,7 +11,7 @@ from estimation.max_likelihood import maximum_likelihood
 from maglev_env.experiment import Experiment, without_noise
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     SWITCHING,

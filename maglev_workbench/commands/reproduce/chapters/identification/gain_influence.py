@@ -12,7 +12,8 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import Shaker, least_squares_bands, receptance, simulated
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row

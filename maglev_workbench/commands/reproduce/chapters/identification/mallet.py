@@ -7,7 +7,8 @@ from maglev_env.experiment import Experiment
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.rig.excitation import Excitation
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     SWITCHING,

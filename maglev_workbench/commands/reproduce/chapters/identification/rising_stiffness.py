@@ -5,7 +5,7 @@ import numpy as np
 from estimation.bands import sliding_bands
 from estimation.max_likelihood import maximum_likelihood
 from estimation.normal import NORMAL_95
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.shaker import (
     Shaker,

@@ -10,7 +10,7 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import closed_loop_poles
-from maglev_env.rig.rig import load_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_sensor import (
     LAG_AT,
     LAG_IN_D,

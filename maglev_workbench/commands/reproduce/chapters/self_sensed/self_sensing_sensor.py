@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.rig.rig import Rig, load_rig
+from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.self_sensor import rig_sensors
 from maglev_workbench.commands.selfsense.rig_sensor import DEFAULT_RIG, DISSERTATION_RATE
 from maglev_workbench.page import COLOURS, labelled_axis, styled
