@@ -172,7 +172,7 @@ def test_the_table_of_effects_in_the_docs_is_the_vocabulary():
             ", ".join(
                 f"`{key}` {p.bounds}" + ("" if p.default is None else f" ({p.default:g})") for key, p in group.items()
             )
-            for group in (kind.plain, kind.shapes)
+            for group in ({key: p for key, p in kind.parameters.items() if p.shape is None}, kind.shapes)
             if group
         ]
         assert (block, parameters) == (kind.block, "; form: ".join(stated))
