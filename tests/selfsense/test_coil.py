@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference_coil import Sheet, drive_at_samples, reference_current
 
-from selfsense.coil import MU_0, Coil
+from selfsense.coil import MU_0, Coil, coil_inductance
 from selfsense.demodulation import ripple_amplitude
 from selfsense.kernel_rows import EDDY_RATES, EDDY_WEIGHTS
 from selfsense.sensor import Estimator, SelfSensor
@@ -225,3 +225,11 @@ def test_energy_of_one_period_is_loss_field_and_work():
 def test_bad_coils_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         replace(COIL, **changes)
+
+
+def test_the_inductance_is_the_measured_one_and_falls_off_with_the_gap():
+    """0.57 mH of 90 turns at 0.35 mm (D 3.3.2); half at twice the gap, four times with twice the turns."""
+    at = coil_inductance(0.35e-3, 90, 39.27e-6)
+    assert at == pytest.approx(0.57e-3, rel=0.005)
+    assert coil_inductance(0.7e-3, 90, 39.27e-6) == pytest.approx(at / 2, rel=1e-12)
+    assert coil_inductance(0.35e-3, 180, 39.27e-6) == pytest.approx(4 * at, rel=1e-12)

@@ -36,11 +36,11 @@ def survival_table(results: Mapping[str, Mapping[str, Any]], drawn: Collection[s
     lines = [HEAD]
     lines.append(
         f"Of {killed + survived} sampled faults {survived} survive, {share:.1f} %; {untried} more are drawn and were "
-        f"not tried. Of {rows[-1][1] + rows[-1][2]} of the list {rows[-1][2]} survive. {len(EQUIVALENT)} further draws "
+        f"not tried; of {len(listed)} faults of the list {len(own)} were tried. {len(EQUIVALENT)} further draws "
         "change nothing that a result rests on, and are left out with their reasons (below).\n"
     )
     lines += ["| file | killed | survived |", "|---|---|---|"]
-    lines += [f"| {name} | {dead} | {alive} |" for name, dead, alive in rows]
+    lines += [f"| {name} | {dead} | {alive} |" for name, dead, alive in rows if dead + alive]
     alive = [(name, found["breaks"]) for name, found in results.items() if found["state"] == "survived"]
     if alive:
         lines += ["\n## What survives\n", *(f"- {_code(breaks)}" for _, breaks in sorted(alive))]

@@ -27,6 +27,14 @@ def one(**changes):
     return {k: float(v[0]) for k, v in terms(TARGET, **{k: np.array([v]) for k, v in (GOOD | changes).items()}).items()}
 
 
+def test_twice_what_halves_a_term_leaves_a_fifth_or_by_the_fourth_power_a_seventeenth():
+    assert one(current=1.0)["current"] == pytest.approx(1 / 5)
+    assert one(gap_error=2 * 0.02 * 0.35e-3)["gap_sensing"] == pytest.approx(1 / 5)
+    assert one(displacement=2 * 0.3 * 0.35e-3)["displacement"] == pytest.approx(1 / 17)
+    assert one(peak_sensitivity=2.5 * 1.4)["peak_sensitivity"] == pytest.approx(1 / 5)
+    assert one(stiffness=30e3 * np.exp(0.2))["stiffness"] == pytest.approx(1 / 5)
+
+
 def test_a_perfect_gain_set_scores_one_and_each_term_halves_where_it_says():
     assert set(one()) == set(WEIGHTS) and sum(WEIGHTS.values()) == pytest.approx(1)
     assert all(v == 1 for v in one().values())

@@ -47,3 +47,20 @@ def test_a_recorded_command_tells_when_it_steps(lag, late):
     assert abs((found - late + 0.5) % 1.0 - 0.5) < 3 * sd
     alone = LineStatistics(X * RATE, LINES, names[:1], read[None], covariance[:1, :1], 10)
     assert step_after_reading(alone, RATE, lag / RATE, 0.1) == (0.0, UNKNOWN)
+
+
+@pytest.mark.slow
+def test_the_moment_of_a_step_scatters_as_its_error_says():
+    lag, late, names = 0.8, 0.4, ("current", "command")
+    command, read, _ = currents(lag, late)
+    noise, rng = 3e-3 * abs(read).max(), np.random.default_rng(7)
+    covariance = np.zeros((2, 2, X.size), complex)
+    covariance[0, 0] = noise**2
+    found = []
+    for _ in range(40):
+        drawn = read + noise * (rng.standard_normal(X.size) + 1j * rng.standard_normal(X.size)) / np.sqrt(2)
+        statistics = LineStatistics(X * RATE, LINES, names, np.stack([drawn, command]), covariance, 10)
+        found.append(step_after_reading(statistics, RATE, lag / RATE, 1e-6))
+    at, errors = np.array(found).T
+    assert abs(at.mean() - late) < 4 * at.std() / np.sqrt(40)
+    assert np.median(errors) == pytest.approx(at.std(), rel=0.3)

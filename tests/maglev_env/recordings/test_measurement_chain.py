@@ -48,3 +48,11 @@ def test_the_low_pass_of_a_current_behind_a_held_command_is_undone_above_half_th
     found = corrected(logged, RATE, corners, 0.0, held)
     assert np.std((found - true_samples)[inside]) < 1e-2 * np.std(true_samples)
     assert np.std((corrected(logged, RATE, corners, 0.0) - true_samples)[inside]) > 0.1 * np.std(true_samples)
+
+
+def test_a_straight_line_comes_as_late_as_low_pass_and_delay_make_it():
+    """A ramp behind a low-pass of corner f and a delay d lies 1 / (2 pi f) + d behind itself."""
+    rate, corner, delay = 1000.0, 20.0, 3e-3
+    t = np.arange(400) / rate
+    behind = 5.0 * (t - 1 / (2 * np.pi * corner) - delay)
+    np.testing.assert_allclose(corrected(behind, rate, (corner,), delay), 5.0 * t, atol=1e-6)

@@ -170,3 +170,10 @@ def test_probes_read_a_turning_rotor_behind_their_lag():
             runout = rotor.runout.amplitude[plane] * np.exp(1j * np.radians(rotor.runout.phase[plane]))
             x = (orbit + rotor.planes.probes[plane] * tilt + runout) * size * turned
             assert found[i, 2 * plane : 2 * plane + 2] == pytest.approx([x, -1j * x], rel=1e-9)
+
+
+def test_a_fluid_moves_along_with_the_rotor():
+    """Translation on two springs in each direction: sqrt(2 k / (m + m_a))."""
+    wet = replace(on_springs(), fluid=replace(PUMP.fluid, added_mass=0.5 * BODY.mass, added_inertia=0.0))
+    expected = np.sqrt(2 * SPRING / (1.5 * BODY.mass)) / (2 * np.pi)
+    assert np.abs(undamped_frequencies(wet, SPRING) - expected).min() < 1e-9 * expected
