@@ -16,8 +16,7 @@ from tuning.campaign.rig_fit import IdentifiedRig
 
 DRAWS = 64  # the first is the best estimate
 # The relative difference between measured and fitted response is a Gaussian process over the logarithm of the
-# frequency. Its standard deviation and length (of ln f) are among these, by their marginal likelihoods; the deviation
-# is that below the crossover of the loop, and grows with the frequency above, as what a lag leaves of another one does.
+# frequency. Its standard deviation and length (of ln f) are among these, by their marginal likelihoods.
 DEVIATIONS, LENGTHS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.03, 0.1, 0.3, 1.0)
 LEAST = 0.02  # probability below which a standard deviation and length are left out
 MOST_LINES = 200  # more are averaged in bins of the logarithm of the frequency
@@ -86,13 +85,10 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp
     thetas = np.vstack([identified.theta, identified.drawn(DRAWS - 1, rng)])
     models = [_open(identified.rig(theta), every) for theta in thetas]
     p, g = (np.array([m[k] for m in models]) for k in range(2))
-    crossover = _crossover(
-        every, controller_response(sets[-1].gains, np.exp(2j * np.pi * every / rate), 1 / rate) * p[0]
-    )
     at = _among(every, wanted)
     g = g[:, at]
     per_force = p[:, at] / g  # from command to force: smooth, whatever the rotor and its support do
-    more, found = _differences(plant, p, every, wanted, rng, crossover, sharp) if plant else (0.0, np.empty(0))
+    more, found = _differences(plant, p, every, wanted, rng, sharp) if plant else (0.0, np.empty(0))
     p = p[:, at] * (1 + more)
     z = np.exp(2j * np.pi * wanted / rate)
     if shaken:
@@ -104,7 +100,7 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp
             parts.append(
                 Response(wanted[at], s.receptance.value * opening, s.receptance.variance * np.abs(opening) ** 2)
             )
-        more, seen = _differences(_agreed(parts), g, wanted, wanted, rng, crossover, sharp)
+        more, seen = _differences(_agreed(parts), g, wanted, wanted, rng, sharp)
         g = g * (1 + more)
         # A draw whose plant is another one opens the measured receptance by another loop.
         mean = np.mean(loops, axis=0)
@@ -197,7 +193,6 @@ def _differences(
     every: np.ndarray,
     wanted: np.ndarray,
     rng: np.random.Generator,
-    crossover: float,
     known: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Relative difference (draws, w) of the true response from each draw's model, at frequencies wanted (w,), Hz.
@@ -212,20 +207,17 @@ def _differences(
     at = _among(every, measured.frequency)
     whole, noisy = measured.value / model[:, at] - 1, measured.variance / np.abs(model[0, at]) ** 2
     ratio, variance, place = _binned(whole, noisy, measured.frequency)
-    growth = _growth(np.exp(place), crossover)
-    kinds, weights = _likely(ratio[0] / growth, variance / growth**2, place)
+    kinds, weights = _likely(ratio[0], variance, place)
     which = rng.choice(len(kinds), len(ratio), p=weights)
     which[0] = int(weights.argmax())
     everywhere = np.concatenate([place, np.log(wanted)])
     squared, m = (everywhere[:, None] - everywhere) ** 2, place.size
-    own_growth = _growth(np.exp(everywhere), crossover)
-    grown = own_growth[:, None] * own_growth
     normal, noise = _complex(rng, len(ratio), everywhere.size), _complex(rng, len(ratio), m) * np.sqrt(variance)
     normal[0], noise[0] = 0.0, 0.0
     found = np.empty((len(ratio), wanted.size), complex)
     for kind in np.unique(which):
         own, (sd, length) = which == kind, kinds[kind]
-        k = sd**2 * grown * np.exp(-0.5 * squared / length**2)
+        k = sd**2 * np.exp(-0.5 * squared / length**2)
         path = normal[own] @ _root(k).T
         left = ratio[own] - path[:, :m] - noise[own]
         found[own] = path[:, m:] + left @ np.linalg.solve(k[:m, :m] + np.diag(variance), k[:m, m:])
@@ -237,17 +229,6 @@ def _differences(
     scatter[0] = 0.0
     found[:, here] = whole[:, line] + scatter
     return found, both[sharp]
-
-
-def _crossover(frequency: np.ndarray, loop: np.ndarray) -> float:
-    """Highest frequency (Hz) at which a loop gain (n,) is at least 1; the highest of all where it nowhere is."""
-    beyond = np.flatnonzero(np.abs(loop) >= 1)
-    return float(frequency[beyond[-1] if beyond.size else -1])
-
-
-def _growth(frequency: np.ndarray, crossover: float) -> np.ndarray:
-    """Times a difference is larger at frequencies (n,) than below the crossover."""
-    return np.sqrt(1 + (frequency / crossover) ** 2)
 
 
 def _likely(ratio: np.ndarray, variance: np.ndarray, place: np.ndarray) -> tuple[list[tuple[float, float]], np.ndarray]:
