@@ -112,7 +112,8 @@ def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.nda
 def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
     """Either effect of the best pairs alone, at its values in the pair; without those that touch down."""
     halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
-    for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
+    able = (f for f in pairs if np.isfinite(f.cost) and DRIFTING not in f.hypothesis.effects)
+    for f in sorted(able, key=lambda f: f.cost)[:SWAPPED]:
         n, both = len(coordinates_of(f.hypothesis.effects[0], f.hypothesis.scales)), len(f.hypothesis.coordinates)
         for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
             alone = f.hypothesis.instead(name)
