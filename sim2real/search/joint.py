@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from sim2real.compared.problem import Problem
+from sim2real.recorded.drifting import DRIFTING
 from sim2real.search.fitting import Fit, reach
 from sim2real.search.following import following
 from sim2real.search.hypotheses import Hypothesis
@@ -41,7 +42,9 @@ def joint_pairs(
         singles: Fits of single effects, which tell how large each may be.
         known: Pairs that are not proposed.
     """
-    scaled = [f for f in singles if np.isfinite(f.cost) and _sizes(f).any()]
+    # In the mean a drift is another gain, and would take the place of every pair that has one.
+    able = [f for f in singles if np.isfinite(f.cost) and f.hypothesis.effects != (DRIFTING,)]
+    scaled = [f for f in able if _sizes(f).any()]
     alone = [extended(f.hypothesis, f.u[: len(f.hypothesis.coordinates)], base) for f in scaled]
     predicted = problem.simulate([f.hypothesis.point(u) for f, u in zip(scaled, alone, strict=True)])
     kept = [i for i, p in enumerate(predicted) if np.isfinite(p).all()]

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import TOLERANCE_EFFECTS
+from sim2real.recorded.drifting import DRIFTING
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
     Hypothesis,
@@ -19,6 +20,7 @@ from sim2real.search.screening import Start, extended, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
 
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
+DRIFTS = 2  # per round: pairs with a drift that are fitted beside these
 STRETCHED = 2  # best single effects beside which a stated parameter may become an effect
 SWAPPED = 2  # best pairs of which either effect is tried with others
 SECOND = 16.0  # cost that a second effect must save to be more probable than its absence (see `Belief`)
@@ -110,7 +112,8 @@ def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.nda
 def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
     """Either effect of the best pairs alone, at its values in the pair; without those that touch down."""
     halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
-    for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:SWAPPED]:
+    able = (f for f in pairs if np.isfinite(f.cost) and DRIFTING not in f.hypothesis.effects)
+    for f in sorted(able, key=lambda f: f.cost)[:SWAPPED]:
         n, both = len(coordinates_of(f.hypothesis.effects[0], f.hypothesis.scales)), len(f.hypothesis.coordinates)
         for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):
             alone = f.hypothesis.instead(name)
@@ -142,8 +145,11 @@ def _round(
     chosen: dict[frozenset[str], Start] = {}
     ranked = screened(problem, jobs, apart=False)
     for start in ranked:
-        if len(chosen) < PAIRS:
-            chosen.setdefault(frozenset(start.hypothesis.effects), start)
+        pair = frozenset(start.hypothesis.effects)
+        # In the mean a drift is another gain: its pairs have places of their own.
+        most = DRIFTS if DRIFTING in pair else PAIRS
+        if sum((DRIFTING in other) == (DRIFTING in pair) for other in chosen) < most:
+            chosen.setdefault(pair, start)
     alike = {other for pair in list(chosen)[:SWAPPED] for other in resembling(pair)}
     for start in ranked:
         if (pair := frozenset(start.hypothesis.effects)) in alike:
