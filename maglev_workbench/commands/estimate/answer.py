@@ -22,6 +22,10 @@ LINEAR = (
     "by linear responses alone, because the rig could not be fitted: these intervals are of noise, and hold neither "
     "what a large motion changes nor timing; take them for a first look"
 )
+AT_THIS_MOTION = (
+    "these are of the linear response at this motion, and the excitation does not tell how far a smaller one differs; "
+    "name the rig, and its force law is fitted"
+)
 LEAST_OWN = 0.05  # share of a band's standard error that is its own, where a common one is taken off
 STEADY = (
     4.0  # mean square of the bands' deviations, in their standard errors, up to which a coefficient is one constant
@@ -104,7 +108,9 @@ def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Poole
     without = " without the controller" if found.actuator is not None else ""
     band = f"trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz"
     said = f"{among}{', '.join(parts)}{without} (95 %), {band}{_second_body(found)}"
-    return f"{said}; {LINEAR}." if linear else f"{said}."
+    bent = found.distortion
+    mind = LINEAR if linear else AT_THIS_MOTION if found.actuator and bent.even is None and bent.odd is None else ""
+    return f"{said}; {mind}." if mind else f"{said}."
 
 
 def _second_body(found: Identification) -> str:

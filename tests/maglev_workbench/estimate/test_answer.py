@@ -7,6 +7,7 @@ import pytest
 from test_estimate_report import band, identification
 
 from estimation.actuator import ActuatorEstimate
+from estimation.lines.frequency_response import Distortion
 from maglev_workbench.commands.estimate.answer import estimate_answer, over_bands, trusted
 from maglev_workbench.commands.estimate.pooled_report import pooled_sections
 from sim2real.coefficients import Coefficient
@@ -29,6 +30,14 @@ def test_the_sentence_has_values_intervals_and_the_trusted_band():
     assert text == (
         "run1.npz: stiffness 2.500 ±0.071 N/m, damping 3.000 ±0.071 mN s/m (95 %), trusted from 1 to 31 Hz."
     )
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_where_the_current_stands_for_the_force_the_motion_counts_unless_detection_lines_tell(told):
+    magnets = ActuatorEstimate(80.0, -3e5, 0.0, 0.5, 1e3, 0.1, 1.0, 0.0)
+    shown = Distortion(None, 0.01, None, 0.2, 0.003) if told else Distortion(None, None, None, None, None)
+    text = estimate_answer([("a", identification(bands=SOFT, actuator=magnets, distortion=shown))], None)
+    assert ("linear response at this motion" in text) == (not told)
 
 
 def test_a_coefficient_that_varies_has_its_range():
