@@ -13,7 +13,7 @@ from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.verdict import with_effects
 from sim2real.result import Diagnosis, block_of
-from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, usual_tolerances
+from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, added_lag, dead_part, usual_tolerances
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
@@ -138,31 +138,22 @@ def _whole_lags(diagnosis: Diagnosis) -> list[str]:
     """How long a block lags in all where a lag of it is named and this says more than the time constant alone: where a
     part is simulated as dead time, or the stated time constant has no tolerance or moved beyond it, and each share says
     nothing."""
-    found = []
+    found, effects, causes = [], diagnosis.corrected.effects, causes_of(diagnosis)
     for effect, name in REPLACED.items():
         change, sure = diagnosis.corrected.changes.get(name, 0.0), diagnosis.rig.tolerance.get(name, inf)
         shared = name in usual_tolerances(diagnosis.rig) or abs(change) >= sure
-        if effect not in diagnosis.corrected.effects or not (shared or _dead_part(diagnosis, effect)):
+        if effect not in effects or not (shared or dead_part(effects, effect, causes)):
             continue
         stated = getattr(diagnosis.rig, name)
-        whole = stated * (1 + change) + added_lag(diagnosis, effect)
+        whole = stated * (1 + change) + added_lag(effects, effect, causes)
         block = effect.removesuffix("_lag")
         found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")
     return found
 
 
-def added_lag(diagnosis: Diagnosis, effect: str) -> float:
-    """Time in s by which a lag of the corrected rig ("amplifier_lag" or "sensor_lag") makes its block later at low
-    frequencies: its time constant, less what feedback around it takes away, and the part of it that is dead time."""
-    values = diagnosis.corrected.effects[effect]
-    return (1 - values.get("feedback", 0.0)) * values["time_constant"] + _dead_part(diagnosis, effect)
-
-
-def _dead_part(diagnosis: Diagnosis, effect: str) -> float:
-    """Seconds of an amplifier's lag that are simulated as a delay."""
-    if effect != "amplifier_lag" or any("delay" in cause.split("+") for cause in diagnosis.cause):
-        return 0.0
-    return diagnosis.corrected.effects.get("delay", {}).get("time", 0.0)
+def causes_of(diagnosis: Diagnosis) -> frozenset[str]:
+    """The effects that a diagnosis names, alone or with others."""
+    return frozenset(name for cause in diagnosis.cause for name in cause.split("+"))
 
 
 def _far(diagnosis: Diagnosis) -> list[str]:

@@ -21,7 +21,7 @@ from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
 from sim2real.search.fitting import Fit
-from sim2real.search.hypotheses import REPLACED
+from sim2real.search.hypotheses import REPLACED, added_lag
 
 NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such
 IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
@@ -154,8 +154,6 @@ def _later(point: Point, name: str, names: Sequence[str], rig: Rig) -> float:
     A block whose stated time constant grew does lag, in one pole instead of two. One whose time constant fell by what
     the effect adds does not: both are one lag in another form.
     """
-    values = point.effects.get(name, {})
-    added = values.get("time_constant", 0.0) * (1 - values.get("feedback", 0.0))
-    if name == "amplifier_lag" and "delay" not in names:  # a part of it is simulated as one
-        added += effect_value(point.effects, "delay")
-    return (1 - SAME) * added + getattr(rig, REPLACED[name]) * point.changes.get(REPLACED[name], 0.0)
+    return (1 - SAME) * added_lag(point.effects, name, names) + getattr(rig, REPLACED[name]) * point.changes.get(
+        REPLACED[name], 0.0
+    )

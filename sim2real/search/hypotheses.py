@@ -8,7 +8,7 @@ from math import exp, inf, isinf, log
 import numpy as np
 
 from maglev_env.loop.card import SMALL_ROTOR, Scales
-from maglev_env.loop.effect import EFFECTS, meaningful
+from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
 from maglev_env.loop.free.places import NAMES as FREE
 from maglev_env.rig.rig import Rig
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
@@ -220,6 +220,20 @@ class Hypothesis:
             low, high = (0.0, MOST_FORM) if name == FORM else (max(-0.9, -most), min(9.0, most))
             bounded[i] = min(max(bounded[i], low / sigma), high / sigma)
         return bounded
+
+
+def added_lag(effects: Effects, name: str, causes: Collection[str]) -> float:
+    """Time in s by which a lag among effects ("amplifier_lag" or "sensor_lag") makes its block later.
+
+    It is the time constant, less what feedback around it takes away, and the part of it that is dead time.
+    """
+    values = effects.get(name, {})
+    return (1 - values.get("feedback", 0.0)) * values.get("time_constant", 0.0) + dead_part(effects, name, causes)
+
+
+def dead_part(effects: Effects, name: str, causes: Collection[str]) -> float:
+    """Seconds of an amplifier's lag that are simulated as a delay, which is then none of the causes."""
+    return 0.0 if name != "amplifier_lag" or "delay" in causes else effect_value(effects, "delay")
 
 
 def usual_tolerances(rig: Rig) -> dict[str, float]:

@@ -9,6 +9,7 @@ _LEVELS = 0.25  # share of samples at which a piecewise constant signal may chan
 _DERIVATIVE = 0.85  # correlation with the slope of another column
 _MOST_LAG = 10  # samples by which a current follows its command
 _ALIKE = 0.9  # correlation of two readings of the same quantity
+_ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
 
 
 def is_time(values: np.ndarray) -> bool:
@@ -23,6 +24,11 @@ def is_time(values: np.ndarray) -> bool:
 def is_constant(values: np.ndarray) -> bool:
     """Whether all values (samples,) are the same."""
     return bool(values.size and values.min() == values.max())
+
+
+def of_one_sign(values: np.ndarray) -> bool:
+    """Whether the values (samples,) stay above zero, but for a little noise."""
+    return bool(values.min() > -_ONE_SIDED * values.max())
 
 
 def steps_in(values: np.ndarray) -> int:

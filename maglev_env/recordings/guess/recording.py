@@ -10,6 +10,7 @@ import numpy as np
 from maglev_env.channels import SHOWN_BY
 from maglev_env.recordings.contents import Contents, contents
 from maglev_env.recordings.files import read_columns
+from maglev_env.recordings.guess.behaviour import of_one_sign
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.columns.columns import guess_columns
 from maglev_env.recordings.guess.controllers import asked_of, controllers, rescaled
@@ -19,7 +20,6 @@ from maglev_env.recordings.guess.gaps import whole
 from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 
-_ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
 _CARRIES = 2.0  # mean current over its standard deviation that holds a weight
 
 
@@ -180,7 +180,7 @@ def _rotor(channels: Mapping[str, np.ndarray]) -> Guess:
         if name in channels:
             values = channels[name]
             mean, spread = float(values.mean()), float(values.std())
-            if spread and values.min() > -_ONE_SIDED * values.max():
+            if spread and of_one_sign(values):
                 reason = f"{name} from {values.min():.3g} to {values.max():.3g} {unit}, of one sign: a single magnet"
                 return Guess("rotor", "suspended", reason, LIKELY, ask)
             if abs(mean) > _CARRIES * spread:

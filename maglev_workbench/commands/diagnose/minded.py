@@ -1,8 +1,8 @@
 """What is to be minded of the effects that a diagnosis names: what the rig leaves out, and what looks like them."""
 
-from sim2real.report import added_lag, corrections
+from sim2real.report import causes_of, corrections
 from sim2real.result import Diagnosis
-from sim2real.search.hypotheses import REPLACED
+from sim2real.search.hypotheses import REPLACED, added_lag
 
 KNEE = 0.005  # relative standard error of a stop's distance, below which it is a knee
 BENT = ("force_law", "cubic_spring", "soft_stop")  # forces that bend with the position
@@ -43,7 +43,7 @@ def unstated(diagnosis: Diagnosis) -> list[str]:
         stated = getattr(diagnosis.rig, name) or name in diagnosis.rig.tolerance
         if stated or values is None or not causes or not all(effect in cause for cause in causes):
             continue
-        value = float(f"{added_lag(diagnosis, effect):.3g}")
+        value = float(f"{added_lag(diagnosis.corrected.effects, effect, causes_of(diagnosis)):.3g}")
         found.append(
             f"the rig states no {name}, so that {effect} may be no fault but what was left out: with {name} = "
             f"{value!r} (s) in rig.toml, if that is right, `maglev diagnose` says what else differs"

@@ -11,7 +11,6 @@ from maglev_env.recordings.guess.evidence import LIKELY
 from maglev_env.recordings.guess.units import Unit
 
 _AGAINST = -0.8  # correlation of two currents from which one rises as the other falls
-_ONE_SIDED = 0.02  # of its largest value, that a current of one sign may read below zero
 WHICH = "whether the first of these coils pulls towards positive displacements (else exchange them)"
 
 
@@ -47,7 +46,7 @@ def opposed(
 
 
 def _against(a: np.ndarray, b: np.ndarray) -> bool:
-    one_sided = all(abs(v).max() > 0 and (v * np.sign(v.mean())).min() > -_ONE_SIDED * abs(v).max() for v in (a, b))
+    one_sided = all(shown.of_one_sign(v * np.sign(v.mean())) for v in (a, b))
     return one_sided and a.mean() * b.mean() > 0 and shown.correlation(a, b) < _AGAINST
 
 
