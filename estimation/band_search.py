@@ -23,7 +23,7 @@ import numpy as np
 
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import LANES, rows_after
-from maglev_lanes.pieces import called, piece
+from maglev_lanes.pieces import piece
 
 # Force and displacement, and the covariances of their noise.
 _CHANNELS = "F_RE F_IM Y_RE Y_IM S_FF S_YY S_RE S_IM"
@@ -55,7 +55,7 @@ def of_line(f_re, f_im, y_re, y_im, pf, py, pr, pi, a, b):
     return var, share, v_re, v_im, c_re, c_im, r_re, r_im
 
 
-@called
+@piece
 def expand(data, o, w, begin, end, p, s, at):
     """Fill the rows from COST on of the point at `at` (0 or TRIAL) from its K and C.
 
@@ -94,7 +94,7 @@ def expand(data, o, w, begin, end, p, s, at):
         s[g + KK], s[g + CC] = s[g + PKK] - s[g + NK], s[g + PCC] - s[g + NC]
 
 
-@called
+@piece
 def _step(s, held):
     """Take the damped Newton step of every lane that has one as its trial point, with the gain expected of it."""
     for lane in range(W):
@@ -113,7 +113,7 @@ def _step(s, held):
         s[lane + EXPECTED], s[lane + TRIED] = -(sk * gk + sc * gc), 1.0 if tried else 0.0
 
 
-@called
+@piece
 def _judge(s, tolerance):
     """Keep or refuse the lanes' trial points, change their damping, and let those rest that have converged."""
     for lane in range(W):
@@ -130,7 +130,7 @@ def _judge(s, tolerance):
             s[lane] = s[lane + TRIAL] if s[lane - at + BETTER] > 0.0 else s[lane]
 
 
-@called
+@piece
 def _minimise(data, o, w, begin, end, p, s, held, tolerance):
     """Damped Newton search from the point of the lanes whose LEFT is positive."""
     for lane in range(W):
@@ -146,7 +146,7 @@ def _minimise(data, o, w, begin, end, p, s, held, tolerance):
         _judge(s, tolerance)
 
 
-@called
+@piece
 def _of_band(data, o, w, begin, end, p, s, starts, first, count, held, tolerance):
     """Search from the cheapest of the starts, whose K and C stand from `first` on, nan in lanes that have none."""
     for lane in range(W):

@@ -31,7 +31,7 @@ from estimation.band_search import (
 )  # fmt: skip
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import rows_after
-from maglev_lanes.pieces import called
+from maglev_lanes.pieces import piece
 
 # With r the ratio of a line's own to its pooled variance, h = |Y - C v|^2 / S what it tells of k, and g = w^2 h of c:
 # sums of h, g, h r, g r, (h r)^2, h g r^2, (g r)^2, h r^2, g r^2, r, r^2; then the derivatives of the half gradient of
@@ -42,7 +42,7 @@ H, G, HR, GR, HR2, HG, GR2, HRR, GRR, R, R2, KA, KB, KR, KI, CA, CB, CR, CI, SUM
 )
 
 
-@called
+@piece
 def _gather(data, o, w, begin, end, p, s, out, to):
     """Sums of the lines at K and C, into the rows of out from to on."""
     for at in range(to, to + SUMS):

@@ -169,11 +169,10 @@ def for_each(one: Callable, numbers: Sequence[int]) -> Callable:
 def _teach() -> None:
     """Register all pieces that were marked up to now with the compiler for GPUs."""
     compiler = _compiler()
-    for function, options in pieces():
+    for function in pieces():
         if id(function) not in _taught:
             _taught.add(id(function))
-            inlined = _INLINED if options.get("forceinline") else {"forceinline": False}
-            compiler.register_jitable(**inlined)(function)
+            compiler.register_jitable(**_INLINED)(function)
 
 
 @cache

@@ -16,7 +16,7 @@ from maglev_lanes.butterflies import IM, SIZE, five_piece, four_piece
 from maglev_lanes.compiled import compiled
 from maglev_lanes.layout import FAR
 from maglev_lanes.layout import LANES as W
-from maglev_lanes.pieces import called, exact
+from maglev_lanes.pieces import exact, piece
 
 LONGEST = (
     512  # numbers of a column: two copies of as many, of all lanes, fit into the second cache of common processors
@@ -93,7 +93,7 @@ def pass_piece(lanes: int = W) -> Callable:
     """one(z, to, radix, done, roots): a pass over a column, behind others by radices whose product is `done`."""
     four, five = four_piece(lanes), five_piece(lanes)
 
-    @called
+    @piece
     def one(z, to, radix, done, roots):
         many = roots.size // 2 // radix
         step = (many * SIZE) & FAR
@@ -108,7 +108,7 @@ def pass_piece(lanes: int = W) -> Callable:
     return one
 
 
-@called
+@piece
 def load(series, first, sample, column, columns, z, lanes):
     """Copy a column and its right neighbour, if there is one, as one complex series."""
     beside = sample if column + 1 < columns else 0
@@ -129,7 +129,7 @@ def product(a, b, c, d):
     return a * c - b * d, a * d + b * c
 
 
-@called
+@piece
 def gather(z, column, whole, lines, at, mirrored, found, lanes):
     """Add what a transformed pair of columns contributes to the lines.
 

@@ -5,10 +5,11 @@ from typing import TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable)
 
-# How the compiler takes them: without what only a function that is called on its own needs, which costs time.
-CALLED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
-INLINED = CALLED | {"forceinline": True}
-EXACT = CALLED | {"fastmath": False}
+# How the compiler takes them: without what only a function that is called on its own needs, which costs time. None may
+# stay a call: of functions of one name a process keeps the one that it compiled or loaded first, optimised for another
+# kernel, and the last bits of results would depend on which kernels ran before.
+INLINED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "forceinline": True}
+EXACT = INLINED | {"fastmath": False}
 _made: dict[tuple, tuple[Callable, dict]] = {}  # every piece and its options by what it computes, see `_content`
 _waiting: list[tuple[Callable, tuple, dict]] = []  # pieces that were marked since the last kernel was made
 
@@ -27,11 +28,6 @@ def piece(function: Function) -> Function:
     return _marked(function, INLINED)
 
 
-def called(function: Function) -> Function:
-    """Mark a function as part of kernels that may stay a call: one that is long, or called from several places."""
-    return _marked(function, CALLED)
-
-
 def exact(function: Function) -> Function:
     """Mark a function as part of kernels whose arithmetic is as it is written, in fast kernels, too."""
     return _marked(function, EXACT)
@@ -43,9 +39,9 @@ def _marked(function: Function, options: dict) -> Function:
     return cast(Function, _made.setdefault(content, (function, options))[0])
 
 
-def pieces() -> list[tuple[Callable, dict]]:
-    """All pieces that were marked up to now, with their options."""
-    return list(_made.values())
+def pieces() -> list[Callable]:
+    """All pieces that were marked up to now."""
+    return [function for function, _ in _made.values()]
 
 
 def _content(function: Callable) -> tuple:

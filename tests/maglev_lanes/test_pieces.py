@@ -82,3 +82,29 @@ def test_an_exact_piece_rounds_as_it_is_written_in_a_fast_kernel_too():
     draw = np.random.default_rng(0).uniform(1.0, 2.0, (100, 2))
     kernel = rounded()
     assert all(kernel(a, b, a * b) == 0.0 for a, b in draw)
+
+
+@piece
+def polynomial(z, a):
+    for i in range(z.size):
+        z[i] = (((a * z[i] + 1.0) * z[i] + a) * z[i] - 1.0) * rest(a, z[i], 2.0)
+
+
+def test_no_piece_stays_a_function_of_its_own_whichever_the_compiler_would_keep():
+    # Such a function is shared by all kernels of a process, as the first one that holds it optimised it.
+    import numba
+
+    register()
+
+    @numba.njit
+    def kernel(z):
+        for a in range(5):
+            polynomial(z, a)
+            polynomial(z[::2], 2.0 * a)
+        polynomial(z, 0.5)
+
+    kernel(np.ones(8))
+    (code,) = kernel.inspect_llvm().values()
+    defined = [line for line in code.splitlines() if line.startswith("define ")]
+    assert any("kernel" in line for line in defined)
+    assert not [line for line in defined if "polynomial" in line or "rest" in line]
