@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 LEAST = 4  # periods whose phases may tell a drift
 FAINT = 1e-3  # of the strongest line's power: lines that tell no drift
 LEFT = 0.1  # share of a period's power that may be no shifted copy, so that its shift counts
+NEGLIGIBLE = 1e-3  # of a channel's amplitudes: a transient that is smaller leaves them as they are
+BY_CHANCE = 14.0  # what one of a million pairs of steady periods exceeds, see `two_unsteady`
 NEIGHBOURS = 8  # neighbouring lines that are tested for a transient together
 
 
@@ -187,11 +189,10 @@ def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:
     Each leading period is compared with all later ones. For a steady period, |Z_p - mean|^2 over its predicted variance
     is F(2, 2 (q - 1)) distributed at each line, with q later periods, and Fisher's sum over the lines is chi-square.
     The same test over groups of neighbouring lines finds the ringing of a lightly damped mode; the smallest p-value
-    counts, corrected for the number of tests. At least three periods are kept, so a record of three or fewer cannot be
-    tested.
+    counts, corrected for the number of tests. At least two periods are kept, so a record of two cannot be tested.
     """
     first = 0
-    while len(spectra) - first > 3:
+    while len(spectra) - first > 2:
         later = spectra[first + 1 :]
         q = len(later)
         variance = later.var(axis=0, ddof=1) * (1 + 1 / q)
@@ -209,3 +210,17 @@ def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:
             return first
         first += 1
     return first
+
+
+def two_unsteady(spectra: np.ndarray) -> bool:
+    """Whether two periods of one channel, spectra (2, n) at increasing lines, differ by a transient.
+
+    What decays within a period has nearly the same spectrum at neighbouring lines, and noise has not: of n lines,
+    n times the squared correlation of the difference with itself one line further is then exponentially distributed.
+    """
+    difference, size = spectra[0] - spectra[1], np.linalg.norm(spectra)
+    power = float(np.linalg.norm(difference)) ** 2
+    if difference.size < 2 or power <= (NEGLIGIBLE * size) ** 2:
+        return False
+    alike = abs(np.vdot(difference[:-1], difference[1:])) / power
+    return bool(alike > 0.5 and difference.size * alike**2 > BY_CHANCE)

@@ -16,6 +16,8 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra
 from maglev_env.rig.rig import Rig, with_parameters
 
+LEAST = 4  # lines that margins can be read from
+
 
 @dataclass(frozen=True)
 class Stability:
@@ -40,13 +42,14 @@ def stability_of(
         rig: Nominal rig of that axis; its `tolerance` widens the margins that assume its actuator.
     """
     statistics, force, injected = spectra.all, spectra.force, spectra.driven["current"]
-    if injected.size >= 4 and {"command", "injection"} <= signals.channels.keys():
+    forced = force.lines.size >= LEAST and "force" in statistics.channels
+    if injected.size >= LEAST and {"command", "injection"} <= signals.channels.keys():
         loop, control_rate = statistics.at_lines(injected), rig and rig.control_rate
         s, variance = injected_sensitivity(loop, (of_axis(signals.gains or NO_CONTROLLER, 0),), control_rate)
         source, why = "injection", None
         if control_rate is None and signals.gains is not None and reads_current(signals.gains, 1.0):
             why = "the controller reads the current: without a rig the margins hold at the command, not the reading"
-    elif rig is not None and rig.controlled and signals.gains is not None and "force" in statistics.channels:
+    elif rig is not None and rig.controlled and signals.gains is not None and forced:
         measured = statistics.at_lines(force.lines)
         receptance, noise = frequency_response(measured, "displacement", "force")
         feedback = _feedback(rig, signals.gains, force.frequency)

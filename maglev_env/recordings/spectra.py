@@ -13,11 +13,17 @@ from estimation.lines.periods import (
     period_spectra,
     split_periods,
     transient_periods,
+    two_unsteady,
 )
 from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis
 from maglev_env.rig.excitation import PLACES, Excitation, axis_excitations, lines_at
+
+UNSTEADY = (
+    "its two steady periods differ by more than noise: by a start-up, a drift, or a tone between the lines, which "
+    "would bias every line; record more periods, or later ones"
+)
 
 
 @dataclass(frozen=True)
@@ -143,8 +149,10 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
     periods = np.delete(split_periods(stack, per_period), list(signals.left_out), axis=0)
     spectra = np.stack([period_spectra(p, lines * every) for p in periods])
     moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
-    seen = spectra[:, moved][..., np.isin(lines, driven)].reshape(len(spectra), -1)
-    dropped = transient_periods(seen)
+    seen = spectra[:, moved][..., np.isin(lines, driven)]
+    dropped = transient_periods(seen.reshape(len(seen), -1))
+    if len(seen) - dropped == 2 and any(two_unsteady(own) for own in np.moveaxis(seen[dropped:], 1, 0)):
+        raise ValueError(UNSTEADY)
     statistics = line_statistics(spectra[dropped:], periodic[0].fundamental, lines, names)
     return statistics, dropped, stack.shape[1] % per_period
 

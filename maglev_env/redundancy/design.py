@@ -3,6 +3,7 @@
 import numpy as np
 
 from maglev_env.channels import SHOWN_BY, unit_of
+from maglev_env.recordings.guess.behaviour import steps_in
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import MODEL, Row
 from maglev_env.redundancy.view import Lines, View
@@ -43,7 +44,9 @@ def _row(view: View, e: Excitation) -> Row | None:
     sign = _sign(view, e, mean)
     amplitude = np.abs(mean)
     level = float(np.median(amplitude))
-    uneven = float(np.median(np.abs(amplitude - level))) / level if e.kind != "low_crest" else 0.0
+    # The lines of steps fall with their frequency: a campaign states a square wave as a multisine.
+    equal = e.kind != "low_crest" and not steps_in(view.channels[name])
+    uneven = float(np.median(np.abs(amplitude - level))) / level if equal else 0.0
     falls = 0.0  # one line has no slope
     if amplitude.size > 1:
         falls = float(np.polyfit(np.log(lines.frequency), np.log(np.maximum(amplitude, 1e-9 * level)), 1)[0])

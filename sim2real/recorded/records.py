@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.lines.periods import period_spectra, split_periods, transient_periods
+from estimation.lines.periods import period_spectra, split_periods, transient_periods, two_unsteady
 from maglev_env.channels import MEASURED, SHOWN_BY
 from maglev_env.experiment import Experiment, sampling, without_noise
 from maglev_env.kernel.driven import Drive
@@ -28,6 +28,8 @@ from sim2real.recorded.tones import ON_LINE, Tone, near_tones, remove_tones
 from sim2real.recorded.wander import without_wander
 
 WITHOUT_PERIOD = "the ticks of its controller jitter, so it is compared as one that does not repeat"
+REPEATS = 10.0  # power off the stated lines of an excitation, of what noise leaves there, from which it is part of it
+UNSTEADY = "its two steady periods differ by more than noise, so it is compared as one that does not repeat"
 WITHOUT_CONTROLLER = "its controller is not stated, so it is compared as one that does not repeat"
 
 
@@ -180,6 +182,9 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     first = list(measured).index("displacement") * axes
     moved = spectra[:, first : first + axes][..., np.any(list(driven.values()), axis=(0, 1))]
     dropped = transient_periods(moved.reshape(len(spectra), -1))
+    if len(moved) - dropped == 2 and any(two_unsteady(own) for own in np.moveaxis(moved[dropped:], 1, 0)):
+        found = open_record(campaign, spec, dataset)
+        return replace(found, notes=(UNSTEADY, *found.notes))
     whole = slice(dropped * n, whole_periods)
     if dropped:  # beside a transient, a tone does not stand out
         toneless, tones = remove_tones({k: v[:, whole] for k, v in measured.items()}, n, spec.sample_rate / multiple)
@@ -219,24 +224,41 @@ def _waves(
     whole: slice,
     offset: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """One period of each excitation at the control rate: the excited lines of its channel, or of its design."""
+    """One period of each excitation at the control rate: the excited lines of its channel, or of its design.
+
+    Steps have lines up to half the sample rate, of which a campaign states the strong ones; the others make the kicks
+    of current in which the magnet's law bends most. A force is measured: what its channel has elsewhere may be noise.
+    """
     axes, n = e.rig.axes, e.samples_per_period
     waves = {}
     for place, on in driven.items():
         spectrum = np.zeros((axes, n // 2 + 1), complex)
         if (channel := channels.get(SHOWN_BY[place])) is not None:
             per_period = e.recorded_per_period
-            means = channel[:, whole].reshape(axes, -1, per_period).mean(axis=1)
-            found = period_spectra(means, lines)
+            each = channel[:, whole].reshape(axes, -1, per_period)
+            every_line = np.arange(1, per_period // 2 + 1)
+            found, stated = period_spectra(each.mean(axis=1), every_line), np.zeros((axes, every_line.size), bool)
+            stated[:, lines - 1] = on
+            further = place != "force" and _repeats(period_spectra(each, every_line), ~stated)
             if place == "force" and hold_rate is None:  # a continuous force: find the held sequence with these lines
-                x = lines * e.fundamental / e.rig.control_rate
+                x = every_line * e.fundamental / e.rig.control_rate
                 found = found / (np.sinc(x) * np.exp(-1j * np.pi * x))
-            spectrum[:, lines] = np.where(on, found, 0.0) * (n / 2)
+            spectrum[:, every_line] = np.where(stated | further, found, 0.0) * (n / 2)
         elif on.any():
             spectrum = np.fft.rfft(np.atleast_2d(e.waveform(place)), axis=-1)
         waves[place] = np.fft.irfft(spectrum, n, axis=-1)
     waves["reference"] += offset[:, None]
     return waves
+
+
+def _repeats(each: np.ndarray, lines: np.ndarray) -> bool:
+    """Whether spectra (axes, periods, n) of one channel have more in common at these lines (axes, n) than noise has."""
+    count = each.shape[1]
+    if count < 2:
+        return False
+    common = np.abs(each.mean(axis=1)) ** 2
+    noise = each.var(axis=1, ddof=1) / count
+    return bool(common[lines].sum() > REPEATS * noise[lines].sum())
 
 
 def _check_apart(campaign: Campaign, records: Sequence[Record | OpenRecord]) -> None:

@@ -88,7 +88,8 @@ def identify_campaign(
             found.open.append(spec.file)  # of a named rig the simulation may still tell what a response does not
             why[spec.file] = str(error)
             return
-        if signals.axes == 2 and spec.role == "fit" and mass is not None:
+        forced = any(e.at == "force" for e in signals.excitations)
+        if signals.axes == 2 and forced and spec.role == "fit" and mass is not None:
             loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
 
     told, _ = each_recording(campaign, identified, track)

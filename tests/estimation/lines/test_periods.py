@@ -14,6 +14,7 @@ from estimation.lines.periods import (
     period_spectra,
     split_periods,
     transient_periods,
+    two_unsteady,
 )
 
 
@@ -150,10 +151,11 @@ def test_held_force_is_exact_for_a_mass_spring():
     assert np.allclose(corrected.cross("displacement", "displacement"), 1)
 
 
-def test_pure_noise_is_rarely_called_a_transient():
+@pytest.mark.parametrize("periods", [3, 6])
+def test_pure_noise_is_rarely_called_a_transient(periods):
     rng, level = np.random.default_rng(4), 0.02
     signal = noise(rng, 12) * 10
-    dropped = np.array([transient_periods(signal + noise(rng, (6, 12)), level) for _ in range(2500)])
+    dropped = np.array([transient_periods(signal + noise(rng, (periods, 12)), level) for _ in range(2500)])
     assert abs((dropped > 0).mean() - level) < 3.5 * np.sqrt(level * (1 - level) / dropped.size)
     assert (dropped > 1).mean() < level / 2
 
@@ -185,12 +187,33 @@ def test_a_transient_of_a_few_lines_among_many_is_found():
     assert np.mean(np.equal(found, 1)) > 0.9
 
 
-def test_three_periods_are_always_kept():
+def test_two_periods_are_always_kept():
     rng = np.random.default_rng(6)
     for periods in range(1, 8):
         drifting = 50.0 * 0.2 ** np.arange(periods)[:, None] + 1e-6 * noise(rng, (periods, 10))
-        assert transient_periods(drifting) == max(periods - 3, 0)
+        assert transient_periods(drifting) == max(periods - 2, 0)
     assert transient_periods(np.ones((6, 10), complex)) == 0  # no noise and no transient
+
+
+def test_of_three_periods_the_start_of_the_excitation_is_dropped():
+    rng = np.random.default_rng(7)
+    assert [transient_periods(transient_record(rng, 10.0, 1e-3, periods=3)) for _ in range(20)] == [1] * 20
+
+
+def test_two_periods_that_only_noise_tells_apart_are_steady():
+    rng = np.random.default_rng(11)
+    pairs = noise(rng, (20_000, 2, 20)) / np.arange(1, 21)  # coloured, as the noise of a loop is
+    assert not any(two_unsteady(100 + pair) for pair in pairs)
+    assert not two_unsteady(np.ones((2, 20), complex)) and not two_unsteady(noise(rng, (2, 1)))
+
+
+def test_of_two_periods_a_transient_counts_that_is_more_than_the_noise():
+    rng = np.random.default_rng(12)
+    found = [two_unsteady(transient_record(rng, size, 1e-3, periods=2)) for size in (10.0, 0.1) for _ in range(40)]
+    assert all(found[:40]) and not any(found[40:])
+    decay = 1 / (1 + 1j * np.arange(1, 30))
+    assert two_unsteady(np.stack([1 + 0.01 * decay, np.ones(29)]))
+    assert not two_unsteady(np.stack([1 + 1e-4 * decay, np.ones(29)]))  # too small to matter
 
 
 def shifted(samples, periods, lines):

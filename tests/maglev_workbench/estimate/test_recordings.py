@@ -1,10 +1,15 @@
 """Which recordings the rig is fitted to, where their own responses tell nothing."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from campaigns import planned, write
 
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.estimate import recordings
 
 
@@ -44,3 +49,18 @@ def test_without_magnets_and_where_the_rig_cannot_be_fitted_the_reason_is_said(w
         recordings.identify_campaign(campaign(False), 0.1, False, None, None, iter)
     with pytest.raises(ValueError, match=r"at least four.*touches down"):
         recordings.identify_campaign(campaign(True), 0.1, False, None, None, iter)
+
+
+@pytest.mark.slow
+def test_two_axes_that_only_references_drive_are_told_each_alone(tmp_path):
+    radial = load_rig("hmb_radial")
+    base = replace(planned(radial, names=("base",))[0].experiment, periods=3)
+    driven = [
+        replace(
+            base, excitations=(Excitation("multisine", "reference", 4.0, tuple(range(1, 90)), 2e-5, direction=turn),)
+        )
+        for turn in (0.0, 90.0)
+    ]
+    folder = write(tmp_path, [(f"r{i}", "fit", e) for i, e in enumerate(driven)], nominal="hmb_radial")
+    found = recordings.identify_campaign(load_campaign(folder), radial.mass, False, None, None, iter)
+    assert [name for name, _ in found.axes] == ["r0.npz, x", "r1.npz, y"] and not found.planar

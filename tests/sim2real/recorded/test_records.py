@@ -126,6 +126,30 @@ def test_a_transient_is_dropped_and_said(quiet):
     assert record.start == record.dropped / 4.0
 
 
+@pytest.mark.parametrize(("periods", "whole"), [(3, False), (2, True)])
+def test_a_recording_from_rest_keeps_no_transient_however_few_its_periods_are(tmp_path, periods, whole):
+    steps = Excitation("multisine", "reference", 4.0, tuple(range(1, 60, 2)), 2e-6)
+    (found,) = read(tmp_path, base(excitations=(steps,), periods=periods, transient_periods=0, offset=2e-5))
+    assert isinstance(found, OpenRecord) == whole
+    if whole:
+        assert any("its two steady periods differ by more than noise" in note for note in found.notes)
+    else:
+        assert found.dropped == 1
+
+
+def test_what_repeats_beside_the_stated_lines_of_a_reference_is_simulated_too(tmp_path):
+    lines = tuple(range(1, 40, 2))
+    steps = Excitation("multisine", "reference", 4.0, lines, 2e-6)
+    path = write(tmp_path, [("r", "fit", base(excitations=(steps,)))]) / "campaign.toml"
+    whole = read_records(tmp_path)[1][0].waves["reference"]
+    text = path.read_text()
+    start, end = text.index("lines = ["), text.index("]", text.index("lines = ["))
+    path.write_text(text[:start] + "lines = [1, 3, 5" + text[end:])
+    stated = read_records(tmp_path)[1][0]
+    assert stated.driven["reference"].sum() == 3
+    np.testing.assert_allclose(stated.waves["reference"], whole, atol=1e-9 * np.ptp(whole))
+
+
 def test_a_tone_is_taken_out_of_every_channel(tmp_path):
     found = read(tmp_path, base(effects={"pickup": {"amplitude": 4e-7, "frequency": 50.0}}))[0]
     assert [round(t.frequency, 1) for t in found.tones] == [50.0]
