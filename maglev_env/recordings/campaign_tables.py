@@ -122,8 +122,8 @@ def channel_table(name: str, value: Any) -> ChannelSource:
         raise ValueError(f"{where}: filter = {list(corners)}; give corner frequencies in Hz, above 0")
     delay = number_of(table, "delay", 0.0, where)
     total = table.get("total", False)
-    if type(total) is not bool or (total and name.partition("_")[0] not in ("current", "command")):
-        raise ValueError(f"{where}: total = {total!r}; write total = true where a current or command includes the bias")
+    if type(total) is not bool or (total and name.partition("_")[0] not in ("current", "command", "voltage")):
+        raise ValueError(f"{where}: total = {total!r}; write total = true where a current, command or voltage includes the bias")
     sigma = {key: number_of(table, key, None, where) for key in _TOLERANCES if key in table}
     for key, value in sigma.items():
         if value < 0:

@@ -269,12 +269,13 @@ def _held(campaign: Campaign, spec: RecordingSpec) -> float | None:
 
 
 def _bias(campaign: Campaign, path: Path, name: str) -> float:
-    """Bias current (A) of the campaign's rig, which a total current includes."""
+    """Bias current (A) of the campaign's rig, or the voltage (V) that holds it, which a total channel includes."""
     if campaign.rig is None or not campaign.rig.controlled:
         raise ValueError(
             f"{path}: channel {name!r}: total = true needs a named rig with a magnet, whose bias it includes"
         )
-    return geometric_law(campaign.rig).bias_current
+    current = geometric_law(campaign.rig).bias_current
+    return current * campaign.rig.coil_resistance if name.startswith("voltage") else current
 
 
 def _window(path: Path, spec: RecordingSpec, total: int) -> slice:

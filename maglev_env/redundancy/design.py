@@ -44,8 +44,9 @@ def _row(view: View, e: Excitation) -> Row | None:
     sign = _sign(view, e, mean)
     amplitude = np.abs(mean)
     level = float(np.median(amplitude))
-    # The lines of steps fall with their frequency: a campaign states a square wave as a multisine.
-    equal = e.kind != "low_crest" and not steps_in(view.channels[name])
+    # The lines of steps fall with their frequency, and a few sines have amplitudes of their own: both are stated as a
+    # multisine.
+    equal = e.kind != "low_crest" and amplitude.size >= LEAST and not steps_in(view.channels[name])
     uneven = float(np.median(np.abs(amplitude - level))) / level if equal else 0.0
     falls = 0.0  # one line has no slope
     if amplitude.size > 1:

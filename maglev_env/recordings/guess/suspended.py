@@ -56,7 +56,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     asked = follows > -_FOLLOWS and not (why or turned or known or moved.stated)
 
     def faced(column: ColumnGuess) -> ColumnGuess:
-        if column.channel in ("current", "command"):
+        if column.channel in ("current", "command", "voltage"):
             return _asking(column, TOTAL)
         if column.channel not in _POSITIONS:
             return column

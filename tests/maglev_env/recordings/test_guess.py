@@ -272,6 +272,14 @@ def test_the_stated_peak_of_a_square_wave_is_that_of_the_lines_that_are_stated()
     assert table["amplitude"] == pytest.approx(3e-4 * np.abs(lines).max(), rel=0.01)  # they overshoot by 18 %
 
 
+@pytest.mark.parametrize(("frequency", "kind"), [(4.0, "multisine"), (2.3, "recorded")])
+def test_steps_repeat_only_if_they_do_to_the_sample(frequency, kind):
+    rest = np.where(T < 0.1, 0.0, 1e-4)  # before the first step
+    square = np.sign(np.sin(2 * np.pi * frequency * T + 1e-6)) * rest
+    (table,), _ = guess_excitation({"reference": square, "displacement": SLOW}, RATE)
+    assert table["kind"] == kind
+
+
 def test_one_sine_and_hover():
     (table,), why = guess_excitation({"reference": np.sin(2 * np.pi * 5 * T), "displacement": SLOW}, RATE)
     assert table["lines"] == [1] and table["fundamental"] == 5.0 and "one sine of 5 Hz" in why.reason

@@ -66,6 +66,10 @@ def test_a_named_rig_tells_the_bias_of_the_current_and_the_gap_at_rest(tmp_path)
         assert "offset" not in told.channels[name].ask
     elsewhere = below_the_magnet(found, replace(rig, gap=10e-3), tmp_path)
     assert "offset = the gap" in elsewhere.channels["displacement"].ask and elsewhere.channels["current"].total
+    volts = replace(
+        found, columns=tuple(replace(c, channel=c.channel.replace("current", "voltage")) for c in found.columns)
+    )
+    assert below_the_magnet(volts, rig, tmp_path).channels["voltage"].total
     pair = replace(rig, magnet="electromagnet_pair", turns=100, pole_area=1e-4)
     assert below_the_magnet(found, pair, tmp_path) is found
 
@@ -145,3 +149,26 @@ def test_what_is_wanted_counts_as_the_displacement_whose_direction_is_stated(tmp
     assert faced.channels["displacement"].offset == faced.channels["reference"].offset == GAP
     both = told(tmp_path, tmp_path / "ball.txt", y=-1.0, yd=1.0)
     assert both.channels["reference"].scale == 1.0
+
+
+def test_a_total_voltage_is_less_what_holds_the_bias(tmp_path):
+    stored(tmp_path, fallen=0)
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        'schema = "maglev-rig/1"\nname = "ball"\nmagnet = "electromagnet"\n[parameters]\n'
+        f"mass = {MASS}\ngap = {GAP}\nclearance = 3e-3\nbias_current = {BIAS}\ncoil_resistance = 5.0\n"
+        "coil_inductance = 0.01\ncontrol_rate = 100.0\n"
+    )
+
+    def read(total):
+        voltage = {"from": "i", "total": total}
+        recording = {
+            "file": "ball.txt",
+            "sample_rate": RATE,
+            "excitation": [{"kind": "none"}],
+            "channels": {"displacement": {"from": "y", "scale": -1.0, "offset": GAP}, "voltage": voltage},
+        }
+        campaign = parse_campaign(tmp_path, {"schema": SCHEMA, "rig": "rig.toml", "recording": [recording]})
+        return read_recording(campaign, campaign.recordings[0])["voltage"].values
+
+    np.testing.assert_allclose(read(False) - read(True), 5.0 * BIAS, rtol=1e-12)

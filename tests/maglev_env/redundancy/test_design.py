@@ -14,11 +14,14 @@ N, ODD = 400, tuple(range(1, 40, 2))
 PHASE = 2 * np.pi * (np.arange(N) + 0.5) / N
 
 
+FILTERED = sum(np.sin(k * PHASE + k**2) / k for k in ODD)
+TWO = np.sin(PHASE) + 0.3 * np.sin(3 * PHASE)
+
+
 @pytest.mark.parametrize(
-    ("wave", "uneven"), [(np.sign(np.sin(PHASE)), False), (np.sin(PHASE) + 0.3 * np.sin(3 * PHASE), True)]
+    ("wave", "lines", "uneven"), [(FILTERED, ODD, True), (np.sign(np.sin(PHASE)), ODD, False), (TWO, (1, 3), False)]
 )
-def test_the_lines_of_steps_are_unequal_by_nature(wave, uneven):
-    lines = ODD if not uneven else (1, 3)
+def test_the_lines_of_steps_and_a_few_sines_are_unequal_by_nature(wave, lines, uneven):
     e = Excitation("multisine", "reference", 5.0, lines, float(np.abs(wave).max()))
     parts = {"reference": np.repeat(period_spectra(wave[None], np.array(lines)), 3, axis=0)}
     found = Lines(np.array(lines) * 5.0, parts, True, np.array(lines), 0)
