@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 SLOWEST = 4.0  # periods in a record: slower motion than this cannot be told from the drift of an accelerometer
+START = 5.0  # time constants of a coil whose voltage tells what flowed at the start
 
 
 def displacements(channels: Mapping[str, np.ndarray], rate: float) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -40,8 +41,13 @@ def integrated_twice(acceleration: np.ndarray, rate: float) -> np.ndarray:
 
 
 def coil_current(voltage: np.ndarray, rate: float, resistance: float, inductance: float) -> np.ndarray:
-    """Current (samples,) of a coil under a voltage held between samples; it starts as if the first had always been."""
+    """Current (samples,) of a coil under a voltage held between samples.
+
+    What flowed at the start is not known. The median of the voltage over the time constants that follow is taken to
+    have held it: the first sample alone may be the kick of a step.
+    """
     decay = np.exp(-resistance / inductance / rate)
     steady = voltage / resistance
-    before = np.concatenate([steady[:1], steady[:-1]])
-    return scipy.signal.lfilter([1 - decay], [1.0, -decay], before, zi=[decay * steady[0]])[0]
+    first = np.median(steady[: max(1, round(START * inductance / resistance * rate))])
+    before = np.concatenate([[first], steady[:-1]])
+    return scipy.signal.lfilter([1 - decay], [1.0, -decay], before, zi=[decay * first])[0]

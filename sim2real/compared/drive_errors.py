@@ -25,7 +25,7 @@ def drive_columns(
 
     Args:
         as_read: The record before errors are put right.
-        predicts: Of the record with the errors put right in the amounts `about`.
+        predicts: Of the record with the errors put right in the amounts `about`, with what noise in its drive makes.
         lanes: Prepared ones of the point `near`.
         near: The point of comparison.
         about: Error -> amount in standard deviations.

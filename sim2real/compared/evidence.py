@@ -103,17 +103,20 @@ def evidence_of(
                 predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
                 at = coordinates_of(record, loop, opened.outputs, predicted)
                 measured = left + at
+        response = None
         if record.instrument is not None and record.told is not None:
             response = NoiseResponse(at, measured - at, noise, record.told)
-            predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs, response))
         if record.errors:
             others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
-            nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
-            nuisances |= drive_columns(as_read, predicts, lanes, near, about, at)
+            wrong = {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+            wrong |= drive_columns(as_read, predicts, lanes, near, about, at)
+            wrong |= smoothed_alike(record, loop, opened.outputs, lanes, at)
+            nuisances |= wrong if response is None else response.without_in(wrong)
             for error in measured_drive:
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
-            nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
+        if response is not None:
+            predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs, response))
         if shows_shape(record):
             bending, step = record.nominal is not unbent, 1.0
             if bending:
@@ -127,7 +130,8 @@ def evidence_of(
             if bending:
                 measured = measured + sum(bends[name] * nuisances[name] for name in bends)
         if crossed:
-            nuisances |= crossed_columns(record, loop, opened.outputs, predicted, at_near)
+            across = crossed_columns(record, loop, opened.outputs, predicted, at_near)
+            nuisances |= across if response is None else response.without_in(across)
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     for source, size in record.unsure.items():

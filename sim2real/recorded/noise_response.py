@@ -7,6 +7,7 @@ the noise, the answer to noise is the larger one. The directions of a window tha
 alone: there that answer is told, and it is taken off along the instrument.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,11 @@ class NoiseResponse:
         size = np.minimum(1.0, LARGEST * self.noise / np.maximum(abs(self.left), 1e-300))
         answer = (together / np.maximum(power, 1e-300))[..., None] * self.windowed(self.left * size)
         return coordinates - np.where(self.along, answer.reshape(coordinates.shape), 0.0)
+
+    def without_in(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The same of changes (outputs, axes, n) by name. What is not known of a drive answers to the noise in it just
+        as a change of the rig does: else noise would tell a scale of the current from the actuator's gain."""
+        return {name: self.without(self.at + change) - self.at for name, change in columns.items()}
 
     @staticmethod
     def windowed(coordinates: np.ndarray) -> np.ndarray:

@@ -44,6 +44,11 @@ class Replay:
     outputs: tuple[str, ...]
     response: NoiseResponse | None = None  # to noise in its drive; None: it is not told
 
+    def coordinates(self, series: np.ndarray) -> np.ndarray:
+        """Coordinates (outputs, axes, n) of a simulation's displacement, current and command (3, axes, samples)."""
+        found = coordinates_of(self.record, self.loop, self.outputs, series)
+        return found if self.response is None else self.response.without(found)
+
 
 def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[np.ndarray]:
     """(n, outputs, axes, coordinates) of prepared lanes, of each record; nan where the rotor touches down."""
@@ -53,8 +58,7 @@ def coordinates_of_lanes(replays: Sequence[Replay], lanes: list[Block]) -> list[
 
     def look(which: int, lane: int, series: np.ndarray) -> None:
         own = replays[which]
-        moved = coordinates_of(own.record, own.loop, own.outputs, series[..., :: own.record.every])
-        found[which][lane] = moved if own.response is None else own.response.without(moved)
+        found[which][lane] = own.coordinates(series[..., :: own.record.every])
 
     look_at_replays(lanes, [own.record.drive for own in replays], look)
     return found

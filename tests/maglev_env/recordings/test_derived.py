@@ -27,6 +27,13 @@ def test_a_voltage_becomes_the_current_of_the_coil():
     assert found[-1] == pytest.approx(1.5, abs=1e-4)
 
 
+def test_a_coil_does_not_start_with_the_kick_of_a_step():
+    voltage = np.full(T.size, 1.0)
+    voltage[:20] = 0.0  # 10 ms of a time constant of 50 ms: a controller that starts at a limit
+    found = coil_current(voltage, RATE, 2.0, 0.1)
+    assert found[0] == 0.5 and found[20] == pytest.approx(0.5 * np.exp(-0.2), rel=1e-9)
+
+
 def test_a_recorded_displacement_is_kept():
     found, notes = displacements({"acceleration_x": T, "displacement_y": T, "acceleration_y": T}, RATE)
     assert set(found) == {"displacement_x"} and len(notes) == 1
