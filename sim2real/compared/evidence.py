@@ -109,10 +109,12 @@ def evidence_of(
         if record.errors:
             others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
-            wrong = {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
-            wrong |= drive_columns(as_read, predicts, lanes, near, about, at)
-            wrong |= smoothed_alike(record, loop, opened.outputs, lanes, at)
-            nuisances |= wrong if response is None else response.without_in(wrong)
+            nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
+            driven = drive_columns(as_read, predicts, lanes, near, about, at)
+            if response is not None:
+                driven |= response.without_in({e.name: driven[e.name] for e in measured_drive if e.scale})
+            nuisances |= driven
+            nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
             for error in measured_drive:
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
         if response is not None:
@@ -130,8 +132,7 @@ def evidence_of(
             if bending:
                 measured = measured + sum(bends[name] * nuisances[name] for name in bends)
         if crossed:
-            across = crossed_columns(record, loop, opened.outputs, predicted, at_near)
-            nuisances |= across if response is None else response.without_in(across)
+            nuisances |= crossed_columns(record, loop, opened.outputs, predicted, at_near)
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)
     for source, size in record.unsure.items():

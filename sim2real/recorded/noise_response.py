@@ -45,8 +45,11 @@ class NoiseResponse:
         return coordinates - np.where(self.along, answer.reshape(coordinates.shape), 0.0)
 
     def without_in(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """The same of changes (outputs, axes, n) by name. What is not known of a drive answers to the noise in it just
-        as a change of the rig does: else noise would tell a scale of the current from the actuator's gain."""
+        """The same of changes (outputs, axes, n) by name.
+
+        The scale of a current is that of the actuator's gain, and must answer to noise as the gain does: else noise
+        would tell one from the other.
+        """
         return {name: self.without(self.at + change) - self.at for name, change in columns.items()}
 
     @staticmethod
