@@ -1,6 +1,6 @@
 """A recording as arrays, and its line statistics: from whole periods, or by local polynomials where nothing repeats."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from estimation.lines.periods import (
     split_periods,
     transient_periods,
 )
+from estimation.lines.tones import MOST, Tone, beside_tone, remove_tones
 from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis
@@ -72,6 +73,7 @@ class RecordSpectra:
         driven: Lines excited at "force", "current" and "reference".
         transient_periods: Leading periods that were dropped.
         leftover: Samples that belong to no period.
+        tones: What was removed, as it does not repeat with the excitation.
     """
 
     all: LineStatistics
@@ -79,6 +81,7 @@ class RecordSpectra:
     driven: Mapping[str, np.ndarray]
     transient_periods: int
     leftover: int
+    tones: tuple[Tone, ...] = ()
 
 
 def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
@@ -113,19 +116,19 @@ def record_spectra(signals: RecordedSignals) -> RecordSpectra:
     if all(e.kind == "none" for e in signals.excitations):
         raise ValueError("nothing is excited along this axis: there is no response to it")
     if signals.periodic:
-        statistics, dropped, rest = _periodic(signals)
+        statistics, dropped, rest, tones = _periodic(signals)
         driven = {place: lines_at(signals.excitations, place) for place in PLACES}
     else:
         recorded = [e for e in signals.excitations if e.kind == "recorded"]
         if len(recorded) != 1:
             raise ValueError(f"{len(recorded)} recorded excitations: responses need exactly one, or a periodic one")
-        statistics, dropped, rest = _aperiodic(signals, recorded[0]), 0, 0
+        statistics, dropped, rest, tones = _aperiodic(signals, recorded[0]), 0, 0, ()
         driven = {place: statistics.lines[: None if place == recorded[0].at else 0] for place in PLACES}
     force = statistics.at_lines(driven["force"])
     if signals.hold_rate:
         for name in force.channels:
             force = held(force, name, signals.hold_rate) if name.partition("_")[0] == "force" else force
-    return RecordSpectra(statistics, force, driven, dropped, rest)
+    return RecordSpectra(statistics, force, driven, dropped, rest, tones)
 
 
 def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
@@ -133,7 +136,7 @@ def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
     return names, np.stack([signals.channels[n] for n in names])
 
 
-def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
+def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple[Tone, ...]]:
     periodic = [e for e in signals.excitations if e.periodic]
     per_period, every = periodic[0].block(signals.sample_rate)
     names, stack = _stacked(signals)
@@ -145,8 +148,37 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
     moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
     seen = spectra[:, moved][..., np.isin(lines, driven)].reshape(len(spectra), -1)
     dropped = transient_periods(seen)
+    steady = periods[dropped:]
+    found: list[Tone] = []
+    if moved and not signals.left_out:  # periods that follow one another
+        steady, found = _without_tones(steady, names, signals.sample_rate)
+        spectra[dropped:] = [period_spectra(p, lines * every) for p in steady] if found else spectra[dropped:]
     statistics = line_statistics(spectra[dropped:], periodic[0].fundamental, lines, names)
-    return statistics, dropped, stack.shape[1] % per_period
+    for tone in found:
+        amplitude = np.concatenate(list(tone.amplitude.values()))
+        if tone.frequency < statistics.frequency[-1] + periodic[0].fundamental / 2:
+            statistics = beside_tone(statistics, tone, amplitude, moved)
+    return statistics, dropped, stack.shape[1] % per_period, tuple(found)
+
+
+def _without_tones(periods: np.ndarray, names: Sequence[str], rate: float) -> tuple[np.ndarray, list[Tone]]:
+    """Periods (P, channels, samples) without tones that do not repeat with them, and those tones.
+
+    A tone such as that of a turning rotor is no noise: near a line it hardly differs from period to period, and on the
+    lines around it is as large as it is far away, so that the scatter over periods tells too little of it.
+    """
+    count, _, samples = periods.shape
+    whole = periods.transpose(1, 0, 2).reshape(len(names), -1)
+    # One channel for each kind, with its axes, as all of them are removed at one frequency.
+    kinds = list(dict.fromkeys(name.partition("_")[0] for name in names))
+    order = [[i for i, name in enumerate(names) if name.partition("_")[0] == kind] for kind in kinds]
+    cleaned, found = remove_tones(dict(zip(kinds, (whole[own] for own in order), strict=True)), samples, rate)
+    if len(found) == MOST:  # as many as were looked for: a clock or a gain that drifts shows beside every driven line
+        return periods, []
+    back = np.argsort(np.concatenate(order))
+    values = np.concatenate([cleaned[kind] for kind in kinds])[back].reshape(len(names), count, samples)
+    ordered = [replace(tone, amplitude={"all": np.concatenate(list(tone.amplitude.values()))[back]}) for tone in found]
+    return values.transpose(1, 0, 2), ordered
 
 
 def _aperiodic(signals: RecordedSignals, excitation: Excitation) -> LineStatistics:

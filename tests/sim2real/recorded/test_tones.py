@@ -7,13 +7,14 @@ import pytest
 from campaigns import campaign
 from scipy import signal
 
+from estimation.lines.tones import MOST, remove_tones, tone_at
 from maglev_env.loop.effect import effect
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, residuals, settling, together
 from sim2real.judgement.sightings import Sighting, _higher_harmonics, _one_family
 from sim2real.judgement.unsynchronised import evidence, spin_costs
 from sim2real.recorded.records import read_records
-from sim2real.recorded.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
+from sim2real.recorded.tones import families, near_tones, origin, outstanding
 from sim2real.search.hypotheses import TONES
 
 RATE, PER_PERIOD, PERIODS = 20e3, 2500, 8
