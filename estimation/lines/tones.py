@@ -14,6 +14,7 @@ FALSE_ALARM = 1e-5  # probability that noise alone shows a tone somewhere in a r
 NEIGHBOURS = 25  # bins on either side above which a tone must stand out
 MOST = 8  # tones per record
 ON_LINE = 0.01  # bins from a line within which a tone is the same to it
+CLOSE = 8  # bins around a tone that hold no more than noise once it is removed
 BESIDE, SWEEPS = 4.0, 12  # bins within which tones take from each other, and rounds in which these are fitted again
 
 
@@ -97,7 +98,7 @@ def _refined(channels: Mapping[str, np.ndarray], at: float, per_period: int) -> 
     rest = _without_period(channels["displacement"], per_period)
     refined = minimize_scalar(
         lambda f: -_energy(rest, f, per_period, total),
-        bounds=(at - 0.7, at + 0.7),
+        bounds=(at - 1.0, at + 1.0),  # a tone beside a harmonic shows on the next bin
         method="bounded",
         options={"xatol": 1e-4},
     ).x
@@ -169,6 +170,23 @@ def _energy(rest: np.ndarray, frequency: float, per_period: int, total: int) -> 
 def _amplitude(rest: np.ndarray, frequency: float, per_period: int, total: int) -> np.ndarray:
     coefficients, _ = _fit(rest, frequency, per_period, total)
     return coefficients[0] - 1j * coefficients[1]
+
+
+def stands_alone(cleaned: np.ndarray, tone: Tone, per_period: int, rate: float) -> bool:
+    """Whether nothing but noise is left around a tone: beside noise through a resonance that is nearly a line, much is.
+
+    Args:
+        cleaned: Displacements (axes, samples) without the tone.
+        tone: What was removed.
+        per_period: Samples per period.
+        rate: Sampling rate, Hz.
+    """
+    bins, power, _ = _around(cleaned, per_period)
+    total = cleaned.shape[1]
+    close = np.argsort(abs(bins - tone.frequency * total / rate))[:CLOSE]
+    level = power[close].mean() / len(cleaned)
+    size = (abs(tone.amplitude["displacement"] * total / 2) ** 2).sum()
+    return bool(2 * size >= _significant(total // 2, len(cleaned)) * level)
 
 
 def beside_tone(statistics: LineStatistics, tone: Tone, amplitude: np.ndarray, shown: Sequence[int]) -> LineStatistics:

@@ -14,7 +14,7 @@ from estimation.lines.periods import (
     split_periods,
     transient_periods,
 )
-from estimation.lines.tones import MOST, Tone, beside_tone, remove_tones
+from estimation.lines.tones import MOST, Tone, beside_tone, remove_tones, stands_alone
 from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis
@@ -83,6 +83,16 @@ class RecordSpectra:
     leftover: int
     tones: tuple[Tone, ...] = ()
 
+    @property
+    def tone_notes(self) -> tuple[str, ...]:
+        """What was taken out, in words."""
+        if not self.tones:
+            return ()
+        at = ", ".join(f"{tone.frequency:.4g}" for tone in sorted(self.tones, key=lambda t: t.frequency))
+        several = len(self.tones) > 1
+        which, were = ("tones", "were") if several else ("a tone", "was")
+        return (f"{which} of {at} Hz that the excitation does not hold {were} taken out",)
+
 
 def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
     """One axis (0: x, 1: y) of an x-y recording under one-axis names, with what excites it along that axis.
@@ -144,16 +154,20 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple
     lines = np.arange(1, driven.max() + 1)
     # What was bridged in a masked period is left out before the transient is looked for.
     periods = np.delete(split_periods(stack, per_period), list(signals.left_out), axis=0)
-    spectra = np.stack([period_spectra(p, lines * every) for p in periods])
     moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
+
+    def without_tones(some: np.ndarray) -> tuple[np.ndarray, list[Tone]]:
+        # Periods that do not follow one another hold no tone of one phase.
+        cleaned, found = _without_tones(some, names, signals.sample_rate) if whole else (some, [])
+        return np.stack([period_spectra(p, lines * every) for p in cleaned]), found
+
+    whole = bool(moved) and not signals.left_out
+    spectra, found = without_tones(periods)  # a tone beside a line would look like a transient
     seen = spectra[:, moved][..., np.isin(lines, driven)].reshape(len(spectra), -1)
     dropped = transient_periods(seen)
-    steady = periods[dropped:]
-    found: list[Tone] = []
-    if moved and not signals.left_out:  # periods that follow one another
-        steady, found = _without_tones(steady, names, signals.sample_rate)
-        spectra[dropped:] = [period_spectra(p, lines * every) for p in steady] if found else spectra[dropped:]
-    statistics = line_statistics(spectra[dropped:], periodic[0].fundamental, lines, names)
+    if dropped:  # beside which a tone does not stand out
+        spectra, found = without_tones(periods[dropped:])
+    statistics = line_statistics(spectra, periodic[0].fundamental, lines, names)
     for tone in found:
         amplitude = np.concatenate(list(tone.amplitude.values()))
         if tone.frequency < statistics.frequency[-1] + periodic[0].fundamental / 2:
@@ -173,7 +187,9 @@ def _without_tones(periods: np.ndarray, names: Sequence[str], rate: float) -> tu
     kinds = list(dict.fromkeys(name.partition("_")[0] for name in names))
     order = [[i for i, name in enumerate(names) if name.partition("_")[0] == kind] for kind in kinds]
     cleaned, found = remove_tones(dict(zip(kinds, (whole[own] for own in order), strict=True)), samples, rate)
-    if len(found) == MOST:  # as many as were looked for: a clock or a gain that drifts shows beside every driven line
+    # As many as were looked for: a clock or a gain that drifts shows beside every driven line.
+    alone = len(found) < MOST and all(stands_alone(cleaned["displacement"], tone, samples, rate) for tone in found)
+    if not alone:
         return periods, []
     back = np.argsort(np.concatenate(order))
     values = np.concatenate([cleaned[kind] for kind in kinds])[back].reshape(len(names), count, samples)
