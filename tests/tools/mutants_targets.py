@@ -46,6 +46,7 @@ TARGETS: tuple[Target, ...] = (
     Target("estimation/lines/local_polynomial.py", 5, ("test_local_polynomial.py",)),
     Target("estimation/lines/smooth_loop.py", 5, ("test_smooth_loop.py",)),
     Target("estimation/lines/line_windows.py", 6, ("test_line_windows.py",)),
+    Target("estimation/lines/tones.py", 6, ("test_tones_between_lines.py", "test_record_spectra.py")),
     Target("estimation/lines/spin.py", 4, ("test_spin.py",)),
     Target("estimation/online/change_charts.py", 4, ("test_change_charts.py",)),
     Target("estimation/online/line_block.py", 4, ("test_tracking.py",)),
