@@ -59,7 +59,7 @@ TARGETS: tuple[Target, ...] = (
     Target("maglev_lanes/noise.py", 3, ("test_simulate.py", "test_defaults.py"), "noise"),
     Target("maglev_lanes/line_spectra.py", 3, ("test_line_spectra.py",)),
     Target("maglev_lanes/period_statistics.py", 4, ("test_line_spectra.py",)),
-    Target("sim2real/judgement/drift.py", 3, ("test_drift.py",), slow=True),
+    Target("sim2real/compared/drift.py", 3, ("test_drift.py",), slow=True),
     Target("sim2real/judgement/dispersion.py", 3, ("test_dispersion.py",), slow=True),
     # physics
     Target("maglev_env/loop/magnets/law.py", 6, ("test_magnetics.py", "test_force_law.py")),
