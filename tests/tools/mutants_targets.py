@@ -104,7 +104,6 @@ TARGETS: tuple[Target, ...] = (
 EQUIVALENT: Mapping[str, str] = {
     "band_mean.band_mean: + -> - in abs(start[0]) / w.mean() + mass * w.mean()": "scales the search",
     "band_mean.variance: + -> - in sff + floor": "the floor is 1e-12 of the force and serves records without noise",
-    "frequency_response.loop_variance: - -> + in 1 / sensitivity - 1": "a constant, which each cubic takes up",
     "change_charts.cusum_threshold: * -> / in 2 * allowance ** 2": "an upper end of a search",
     "sphs._scaled: 2 -> 3 in 2 * share": "a scale that the stated peak sets anew",
     "parts.damping: 1e-3 -> 0.002 in 0.001 * (1 - r)": "an end of a bracket of a root",
