@@ -10,12 +10,14 @@ from estimation.lines.periods import LineStatistics
 
 POOL = 7  # neighbouring lines whose noise is averaged
 LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
-ROUGH_POOL = 41  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
-# The median of that many overlapping cubics tells the scatter with about 8 degrees of freedom: the square of Student's
-# 95 % quantile over that of a known variance.
+# Lines of whose scatter about the cubics the median is taken. A resonance, which few cubics follow, is then not taken
+# for distortion, and distortion that falls with frequency is still followed (a thousandfold over 40 lines where iron
+# saturates).
+ROUGH_POOL = 21
+# The median of that many overlapping cubics tells the scatter with 17 degrees of freedom, and at the ends of the lines
+# with 6: the square of Student's 95 % quantile over that of a known variance is 1.16 and 1.56.
 FEW = 1.3
-CHANCE = 1.25  # ratio of scatter to noise to which noise alone comes too often to count
-TONE = 0.5  # share of a line's own noise that counts where its neighbours have less: a tone, a resonance of the floor
+CHANCE = 1.4  # ratio of scatter to noise to which noise alone comes too often to count
 
 
 def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:
@@ -50,9 +52,9 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
     """Variance of a measured sensitivity, from the scatter over periods and from that between neighbouring lines.
 
     The noise is averaged as in `pooled_variance`, but in proportion to |S|^2, as noise at one place of the loop enters
-    S, unless a line has far more of its own. What repeats with the period but scatters from line to line about a smooth
-    loop gain is stochastic nonlinear distortion (Pintelon and Schoukens 2012, ch. 4), and counts where it exceeds the
-    noise.
+    S, unless a line has far more than its neighbours. What repeats with the period but scatters from line to line about
+    a smooth loop gain is stochastic nonlinear distortion (Pintelon and Schoukens 2012, ch. 4), and counts where it
+    exceeds the noise.
 
     Args:
         frequency: (n,), Hz, increasing.
@@ -61,8 +63,13 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
     """
 
     def noise_of(size: np.ndarray) -> np.ndarray:
+        # The scatter of single lines is uncertain, so that of seven is averaged. Where one line has noise that the
+        # others lack (a tone, or a resonance of the floor that is narrower than the spacing of the lines), the mean
+        # gives it a seventh of its noise. What it has over the mean of its neighbours is then the better estimate.
+        # Of white noise a line exceeds twice the mean of seven too rarely to matter, even over two periods.
         own = variance / size
-        return np.maximum(pooled_variance(own), TONE * own) * size
+        pooled = pooled_variance(own)
+        return np.maximum(pooled, (own - pooled) * POOL / (POOL - 1)) * size
 
     size = np.abs(sensitivity) ** 2
     noise = noise_of(size)

@@ -57,7 +57,8 @@ def identify_planar(
     """
     if not records:
         raise ValueError("the eight coefficients need at least one recording, better two")
-    forces = [_rotor_motion(record_spectra(signals).force, rig) for signals in records]
+    spectra = [record_spectra(signals) for signals in records]
+    forces = [_rotor_motion(one.force, rig) for one in spectra]
     if not all(force.lines.size for force in forces):
         raise ValueError("the eight coefficients need an excitation at the force in every recording")
     bands = band_layout(forces[0], rig, band_width, band_overlap)
@@ -65,7 +66,7 @@ def identify_planar(
     if rig is not None and rig.axes == 2:
         masses = tuple(mass * axis_rig(rig, axis).mass / rig.mass for axis in range(2))
     estimate = eight_coefficients(forces, bands, masses)
-    notes = []
+    notes = list(dict.fromkeys(note for one in spectra for note in one.tone_notes))
     refused = ~estimate.identifiable
     if refused.any():
         worst = estimate.condition[refused].min()

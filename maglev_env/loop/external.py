@@ -20,7 +20,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "a force m e Omega^2 at the speed of rotation",
         "displacement at two speeds",
         flexible=True,
-        not_fitted="a tone: it is found by its frequency, see `sim2real.recorded.tones`",
+        not_fitted="a tone: it is found by its frequency, see `estimation.lines.tones`",
     ),
 }
 

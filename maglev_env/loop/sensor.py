@@ -48,7 +48,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "the sensed surface is not round: adds to the reading at 1x, 2x and 3x of the speed of rotation",
         "displacement at two speeds",
         flexible=True,
-        not_fitted="a tone: it is found by its frequency, see `sim2real.recorded.tones`",
+        not_fitted="a tone: it is found by its frequency, see `estimation.lines.tones`",
     ),
     "pickup": EffectCard(
         "sensor",
@@ -61,7 +61,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "the mains couple into the probe's cable: adds to the reading at 50 Hz and its harmonics",
         "displacement at standstill",
         flexible=True,
-        not_fitted="a tone: it is found by its frequency, see `sim2real.recorded.tones`",
+        not_fitted="a tone: it is found by its frequency, see `estimation.lines.tones`",
     ),
 }
 

@@ -1,6 +1,6 @@
 """A recording as arrays, and its line statistics: from whole periods, or by local polynomials where nothing repeats."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from estimation.lines.periods import (
     transient_periods,
     two_unsteady,
 )
+from estimation.lines.tones import MOST, Tone, beside_tone, remove_tones, stands_alone
 from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis
@@ -78,6 +79,7 @@ class RecordSpectra:
         driven: Lines excited at "force", "current" and "reference".
         transient_periods: Leading periods that were dropped.
         leftover: Samples that belong to no period.
+        tones: What was removed, as it does not repeat with the excitation.
     """
 
     all: LineStatistics
@@ -85,6 +87,17 @@ class RecordSpectra:
     driven: Mapping[str, np.ndarray]
     transient_periods: int
     leftover: int
+    tones: tuple[Tone, ...] = ()
+
+    @property
+    def tone_notes(self) -> tuple[str, ...]:
+        """What was taken out, in words."""
+        if not self.tones:
+            return ()
+        at = ", ".join(f"{tone.frequency:.4g}" for tone in sorted(self.tones, key=lambda t: t.frequency))
+        several = len(self.tones) > 1
+        which, were = ("tones", "were") if several else ("a tone", "was")
+        return (f"{which} of {at} Hz that the excitation does not hold {were} taken out",)
 
 
 def axis_signals(signals: RecordedSignals, axis: int) -> RecordedSignals:
@@ -119,19 +132,19 @@ def record_spectra(signals: RecordedSignals) -> RecordSpectra:
     if all(e.kind == "none" for e in signals.excitations):
         raise ValueError("nothing is excited along this axis: there is no response to it")
     if signals.periodic:
-        statistics, dropped, rest = _periodic(signals)
+        statistics, dropped, rest, tones = _periodic(signals)
         driven = {place: lines_at(signals.excitations, place) for place in PLACES}
     else:
         recorded = [e for e in signals.excitations if e.kind == "recorded"]
         if len(recorded) != 1:
             raise ValueError(f"{len(recorded)} recorded excitations: responses need exactly one, or a periodic one")
-        statistics, dropped, rest = _aperiodic(signals, recorded[0]), 0, 0
+        statistics, dropped, rest, tones = _aperiodic(signals, recorded[0]), 0, 0, ()
         driven = {place: statistics.lines[: None if place == recorded[0].at else 0] for place in PLACES}
     force = statistics.at_lines(driven["force"])
     if signals.hold_rate:
         for name in force.channels:
             force = held(force, name, signals.hold_rate) if name.partition("_")[0] == "force" else force
-    return RecordSpectra(statistics, force, driven, dropped, rest)
+    return RecordSpectra(statistics, force, driven, dropped, rest, tones)
 
 
 def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
@@ -139,7 +152,7 @@ def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
     return names, np.stack([signals.channels[n] for n in names])
 
 
-def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
+def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple[Tone, ...]]:
     periodic = [e for e in signals.excitations if e.periodic]
     per_period, every = periodic[0].block(signals.sample_rate)
     names, stack = _stacked(signals)
@@ -147,14 +160,49 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int]:
     lines = np.arange(1, driven.max() + 1)
     # What was bridged in a masked period is left out before the transient is looked for.
     periods = np.delete(split_periods(stack, per_period), list(signals.left_out), axis=0)
-    spectra = np.stack([period_spectra(p, lines * every) for p in periods])
     moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
-    seen = spectra[:, moved][..., np.isin(lines, driven)]
-    dropped = transient_periods(seen.reshape(len(seen), -1))
-    if len(seen) - dropped == 2 and any(two_unsteady(own) for own in np.moveaxis(seen[dropped:], 1, 0)):
+
+    def without_tones(some: np.ndarray) -> tuple[np.ndarray, list[Tone]]:
+        # Periods that do not follow one another hold no tone of one phase.
+        cleaned, found = _without_tones(some, names, signals.sample_rate) if whole else (some, [])
+        return np.stack([period_spectra(p, lines * every) for p in cleaned]), found
+
+    whole = bool(moved) and not signals.left_out
+    spectra, found = without_tones(periods)  # a tone beside a line would look like a transient
+    on = np.isin(lines, driven)
+    dropped = transient_periods(spectra[:, moved][..., on].reshape(len(spectra), -1))
+    if dropped:  # beside which a tone does not stand out
+        spectra, found = without_tones(periods[dropped:])
+    if len(spectra) == 2 and any(two_unsteady(spectra[:, i, on]) for i in moved):
         raise ValueError(UNSTEADY)
-    statistics = line_statistics(spectra[dropped:], periodic[0].fundamental, lines, names)
-    return statistics, dropped, stack.shape[1] % per_period
+    statistics = line_statistics(spectra, periodic[0].fundamental, lines, names)
+    for tone in found:
+        amplitude = np.concatenate(list(tone.amplitude.values()))
+        if tone.frequency < statistics.frequency[-1] + periodic[0].fundamental / 2:
+            statistics = beside_tone(statistics, tone, amplitude, moved)
+    return statistics, dropped, stack.shape[1] % per_period, tuple(found)
+
+
+def _without_tones(periods: np.ndarray, names: Sequence[str], rate: float) -> tuple[np.ndarray, list[Tone]]:
+    """Periods (P, channels, samples) without tones that do not repeat with them, and those tones.
+
+    A tone such as that of a turning rotor is no noise: near a line it hardly differs from period to period, and on the
+    lines around it is as large as it is far away, so that the scatter over periods tells too little of it.
+    """
+    count, _, samples = periods.shape
+    whole = periods.transpose(1, 0, 2).reshape(len(names), -1)
+    # One channel for each kind, with its axes, as all of them are removed at one frequency.
+    kinds = list(dict.fromkeys(name.partition("_")[0] for name in names))
+    order = [[i for i, name in enumerate(names) if name.partition("_")[0] == kind] for kind in kinds]
+    cleaned, found = remove_tones(dict(zip(kinds, (whole[own] for own in order), strict=True)), samples, rate)
+    # As many as were looked for: a clock or a gain that drifts shows beside every driven line.
+    alone = len(found) < MOST and all(stands_alone(cleaned["displacement"], tone, samples, rate) for tone in found)
+    if not alone:
+        return periods, []
+    back = np.argsort(np.concatenate(order))
+    values = np.concatenate([cleaned[kind] for kind in kinds])[back].reshape(len(names), count, samples)
+    ordered = [replace(tone, amplitude={"all": np.concatenate(list(tone.amplitude.values()))[back]}) for tone in found]
+    return values.transpose(1, 0, 2), ordered
 
 
 def _aperiodic(signals: RecordedSignals, excitation: Excitation) -> LineStatistics:

@@ -15,6 +15,7 @@ from scipy import stats
 from scipy.optimize import minimize_scalar
 
 from estimation.lines.line_windows import KEPT, WIDTH
+from estimation.lines.tones import FALSE_ALARM, MOST, Tone
 from maglev_env.experiment import Experiment
 from maglev_env.linear.poles import closed_loop_poles
 from sim2real.compared.distortion import COMMON, distorted
@@ -24,7 +25,7 @@ from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import driven_directions, ringing_directions
-from sim2real.recorded.tones import FALSE_ALARM, MOST, Tone, origin, tone_lines, transform_of_tone
+from sim2real.recorded.tones import origin, tone_lines, transform_of_tone
 
 LIGHT, RINGING = 0.1, 0.25  # damping ratio of a mode that rings, and octaves from it within which it does
 ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from estimation.lines.tones import tone_at
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
@@ -15,7 +16,7 @@ from sim2real.compared.simulated import Point, experiment_at, modes_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import HARMONICS, NEAR, ON_LINE, SAME, families, origin, outstanding, tone_at
+from sim2real.recorded.tones import HARMONICS, NEAR, ON_LINE, SAME, families, origin, outstanding
 
 FOREIGN, LOUD = "foreign", "loud"
 AROUND = 12  # lines on either side above which a tone on a line must stand out

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.fft
 
 from estimation.lines.line_windows import KEPT, POOLED, WIDTH, LineWindows
+from estimation.lines.tones import Tone
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.driven import Drive
 from maglev_env.linear.poles import closed_loop_poles
@@ -24,7 +25,6 @@ from maglev_env.rig.rig import Rig
 from sim2real.recorded.along_motion import AlongMotion
 from sim2real.recorded.at_rest.static_evidence import Rests
 from sim2real.recorded.channel_errors import ChannelError
-from sim2real.recorded.tones import Tone
 
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
 LONGEST_SETTLING = 0.2  # of a record

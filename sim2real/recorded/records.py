@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.lines.periods import period_spectra, split_periods, transient_periods, two_unsteady
+from estimation.lines.tones import Tone, remove_tones
 from maglev_env.channels import MEASURED, SHOWN_BY
 from maglev_env.experiment import Experiment, sampling, without_noise
 from maglev_env.kernel.driven import Drive
@@ -24,7 +25,7 @@ from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.ticks import jitters
-from sim2real.recorded.tones import ON_LINE, Tone, near_tones, remove_tones
+from sim2real.recorded.tones import ON_LINE, near_tones
 from sim2real.recorded.wander import without_wander
 
 WITHOUT_PERIOD = "the ticks of its controller jitter, so it is compared as one that does not repeat"

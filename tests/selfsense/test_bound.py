@@ -146,6 +146,13 @@ def test_six_bits_are_too_few():
     assert dithered.ratio < 1.5
 
 
+def test_a_gap_that_moves_further_lags_further_behind():
+    """What the estimate misses beside its noise is the lag along the sine, which grows as its amplitude does."""
+    points = [noise_sweep(SENSOR, [0], [1e-3], amplitude=size, seeds=1)[0] for size in (50e-6, 100e-6)]
+    near, far = (np.sqrt(point.total**2 - point.rms**2) for point in points)
+    assert far == pytest.approx(2 * near, rel=0.02) and near > 0.5e-6
+
+
 def test_bad_input():
     with pytest.raises(ValueError, match="drive = 0"):
         cramer_rao_density(replace(SENSOR, supply=Supply(states=3)))

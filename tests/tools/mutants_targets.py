@@ -46,6 +46,7 @@ TARGETS: tuple[Target, ...] = (
     Target("estimation/lines/local_polynomial.py", 5, ("test_local_polynomial.py",)),
     Target("estimation/lines/smooth_loop.py", 5, ("test_smooth_loop.py",)),
     Target("estimation/lines/line_windows.py", 6, ("test_line_windows.py",)),
+    Target("estimation/lines/tones.py", 6, ("test_tones_between_lines.py", "test_record_spectra.py")),
     Target("estimation/lines/spin.py", 4, ("test_spin.py",)),
     Target("estimation/online/change_charts.py", 4, ("test_change_charts.py",)),
     Target("estimation/online/line_block.py", 4, ("test_tracking.py",)),
@@ -58,7 +59,7 @@ TARGETS: tuple[Target, ...] = (
     Target("maglev_lanes/noise.py", 3, ("test_simulate.py", "test_defaults.py"), "noise"),
     Target("maglev_lanes/line_spectra.py", 3, ("test_line_spectra.py",)),
     Target("maglev_lanes/period_statistics.py", 4, ("test_line_spectra.py",)),
-    Target("sim2real/judgement/drift.py", 3, ("test_drift.py",), slow=True),
+    Target("sim2real/compared/drift.py", 3, ("test_drift.py",), slow=True),
     Target("sim2real/judgement/dispersion.py", 3, ("test_dispersion.py",), slow=True),
     # physics
     Target("maglev_env/loop/magnets/law.py", 6, ("test_magnetics.py", "test_force_law.py")),
@@ -103,7 +104,6 @@ TARGETS: tuple[Target, ...] = (
 EQUIVALENT: Mapping[str, str] = {
     "band_mean.band_mean: + -> - in abs(start[0]) / w.mean() + mass * w.mean()": "scales the search",
     "band_mean.variance: + -> - in sff + floor": "the floor is 1e-12 of the force and serves records without noise",
-    "frequency_response.loop_variance: - -> + in 1 / sensitivity - 1": "a constant, which each cubic takes up",
     "change_charts.cusum_threshold: * -> / in 2 * allowance ** 2": "an upper end of a search",
     "sphs._scaled: 2 -> 3 in 2 * share": "a scale that the stated peak sets anew",
     "parts.damping: 1e-3 -> 0.002 in 0.001 * (1 - r)": "an end of a bracket of a root",

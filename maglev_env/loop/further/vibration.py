@@ -23,7 +23,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "a force F cos(2 pi f t + phase) that nobody applies on purpose: a pump or fan beside the rig",
         "displacement, between the lines",
         flexible=True,
-        not_fitted="a tone: it is found by its frequency, see `sim2real.recorded.tones`",
+        not_fitted="a tone: it is found by its frequency, see `estimation.lines.tones`",
     ),
 }
 

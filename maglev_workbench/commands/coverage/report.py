@@ -25,10 +25,9 @@ the same experiments without noise gives, of stiffness and damping over a band o
 mean sensitivity. Where the law is not smooth (friction, hysteresis), noise in the loop is part of what responds, and
 the mean is that of the noisy experiments. From the injection alone, gain, stiffness and damping are those of the rig;
 of x-y rigs the truth is the mean of the estimates without noise. The intervals of the gain margins are knowingly
-cautious where the loop gain is near its noise. Known to cover less: the peak sensitivity and the disk margin where a
-rotor turns at about the frequency of the peak, where a floor shakes there (of a single line's noise half counts), and
-of a rig that saturates, with its lower gain margin, whose lines distortion changes by half; and the x-y coefficients of
-a band in which a rotor turns (mostly not bounded there).
+cautious where the loop gain is near its noise. A rotor that turns is a tone, which is taken out before the lines are
+looked at. Known to cover less: the peak sensitivity where a floor shakes there, and that of a rig that saturates, with
+its lower gain margin, whose lines distortion changes by half.
 
 Of recordings that do not repeat, the truth is the linearisation of the rig that is drawn: it differs from the one that
 the estimate is told by what its [tolerance] allows, of a suspended ball also by the form of its force law, and its

@@ -161,3 +161,35 @@ def test_scatter_between_lines_that_noise_does_not_explain_widens_a_loops_varian
     rough = np.mean([draw(5e-3) / noise for _ in range(40)])
     assert 1.0 <= quiet < 1.2  # noise alone, of which a line's own and the excess by chance add a little
     assert 28 < rough < 37  # 25 times the variance that the periods show, and 1.3 times for few degrees of freedom
+
+
+@pytest.mark.parametrize("more", [1.0, 3.0, 30.0])
+def test_noise_that_one_line_has_for_itself_counts_there(more):
+    """A tone at one line: periods are drawn, and the claim is compared with the variance that they were drawn with."""
+    rng, f, periods, at = np.random.default_rng(1), np.geomspace(5.0, 2000.0, 90), 5, 40
+    clean = 1 / (1 + 1 / (1 + 1j * f / 100) ** 2)
+    truth = 1e-6 * np.abs(clean) ** 2
+    truth[at] *= more
+    claims = []
+    for _ in range(60):
+        normal = rng.standard_normal((2, periods, f.size)) * np.sqrt(truth * periods / 2)
+        drawn = clean + normal[0] + 1j * normal[1]
+        claims.append(loop_variance(f, drawn.mean(axis=0), drawn.var(axis=0, ddof=1) / periods))
+    ratio = np.median(claims, axis=0) / truth
+    if more > 10:
+        assert ratio[at] == pytest.approx(1.0, abs=0.25)  # the mean of seven lines has a fifth of it
+    else:
+        assert 0.4 < ratio[at] < 1.3
+    assert np.median(ratio[np.abs(np.arange(f.size) - at) > 5]) == pytest.approx(1.0, abs=0.12)
+
+
+def test_distortion_that_falls_with_frequency_is_followed():
+    rng, f = np.random.default_rng(2), np.geomspace(5.0, 2000.0, 90)
+    clean = 1 / (1 + 1 / (1 + 1j * f / 100) ** 2)
+    scatter = 0.03 * (f / f[0]) ** -1.5  # of |S|: a hundredfold over 45 lines
+    claims = []
+    for _ in range(60):
+        normal = (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) / np.sqrt(2)
+        claims.append(loop_variance(f, clean * (1 + normal * scatter), 1e-10 * np.abs(clean) ** 2))
+    ratio = np.median(claims, axis=0) / (scatter * np.abs(clean)) ** 2
+    assert (ratio[4:40] > 0.75).all() and (ratio[:40] < 2).all()  # the first cubic stands for the lines below it

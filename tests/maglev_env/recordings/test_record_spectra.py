@@ -9,6 +9,7 @@ import xarray as xr
 from scipy import signal
 
 from estimation.lines.frequency_response import frequency_response
+from estimation.lines.tones import MOST
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.signals import recorded_signals
@@ -86,6 +87,44 @@ def test_a_transient_and_a_broken_period_are_left_out():
     assert (quiet.transient_periods, quiet.all.periods, quiet.leftover) == (0, 5, 77)
     assert (rung.transient_periods, rung.all.periods, rung.leftover) == (1, 4, 77)  # y rings, x does not
     np.testing.assert_allclose(rung.all.amplitude("displacement_y")[0], np.exp(0.1j), atol=0.01)
+
+
+def disturbed(periods=8, tones=(), ringing=0.0):
+    """x-y signals with white noise, tones (Hz, size) that every channel shows in a measure of its own, and a mode."""
+    rng, t = np.random.default_rng(4), np.arange(periods * N) / RATE
+    channels = {}
+    for i, (name, values) in enumerate(planar_signals().channels.items()):
+        own = np.resize(values, t.size) + 0.01 * rng.standard_normal(t.size)
+        own = own + sum((i + 1) * size * np.cos(2 * np.pi * f * t + i) for f, size in tones)
+        mode = signal.lfilter(*signal.iirpeak(11.0, 20.0, RATE), rng.standard_normal(2 * t.size))[t.size :]
+        channels[name] = own + ringing * mode
+    return record_spectra(replace(planar_signals(), channels=channels))
+
+
+def test_a_tone_that_is_no_harmonic_is_taken_out_of_all_channels():
+    for off in (0.03, 0.3):
+        quiet, found = disturbed(), disturbed(tones=[(2 * (5 + off), 3.0)])
+        assert [tone.frequency for tone in found.tones] == pytest.approx([2 * (5 + off)], abs=0.002)
+        (note,) = found.tone_notes
+        assert note.startswith(f"a tone of {found.tones[0].frequency:.4g} Hz") and note.endswith("was taken out")
+        assert found.transient_periods == 0 and quiet.tone_notes == ()
+        away = found.all.lines != 5
+        np.testing.assert_allclose(found.all.mean[:, away], quiet.all.mean[:, away], atol=2e-3)
+        np.testing.assert_allclose(found.all.covariance[..., away], quiet.all.covariance[..., away], atol=1e-6)
+        # Of the line beside it the less is known the nearer it is, and the less the more a channel shows of the tone.
+        own = np.array([found.all.cross(name, name)[~away][0] for name in found.all.channels])
+        scale = np.median(quiet.all.covariance.real[np.arange(5), np.arange(5)])
+        if off < 0.1:
+            assert own[0] > 10 * scale and own[4] / own[0] == pytest.approx(5**2, rel=0.3)
+        else:
+            assert ((0.2 * scale < own) & (own < 5 * scale)).all()
+
+
+def test_what_is_not_a_few_tones_is_left_as_it_is():
+    many = [(13.1 + 6.3 * i, 0.5) for i in range(MOST + 3)]  # as of a clock or a gain that drifts
+    assert disturbed(tones=many).tones == ()
+    assert disturbed(ringing=1.0).tones == ()  # noise through a resonance that is hardly wider than a line
+    assert len(disturbed(tones=[(13.1, 0.05), (31.7, 0.05)]).tones) == 2
 
 
 def test_a_held_force_acts_half_a_sample_late_on_both_axes():

@@ -130,6 +130,16 @@ def test_the_noise_current_is_the_simulated_one():
         assert found.places == PLANES and found.values[0] == pytest.approx(expected, rel=0.03)
 
 
+def test_the_steps_of_a_converter_count_as_noise_of_the_same_power():
+    """A step of q scatters by q / sqrt(12); it is the span of -range to range over the number of levels."""
+    axis = replace(UNLIKE.axis, adc_bits=0, dac_bits=0, noise=replace(UNLIKE.axis.noise, displacement=0.0))
+    step = (axis.voltage_range - -axis.voltage_range) / 2**9 / axis.probe_gain
+    stepped = replace(UNLIKE, axis=replace(axis, adc_bits=9))
+    noisy = replace(UNLIKE, axis=replace(axis, noise=replace(axis.noise, displacement=step / np.sqrt(12))))
+    found, expected = (linear_quantities(one, 0.0, WHOLE)["noise_current"].values for one in (stepped, noisy))
+    assert found == pytest.approx(expected, rel=1e-9) and (found > 0).all()
+
+
 GOAL = parse_goal("impulse_displacement <= 1e-4 after 1e-4, recovery_time <= 0.02 after 0.4, "
                   "lift_off_time <= 0.03 from 1e-4, current_peak <= 1")  # fmt: skip
 

@@ -7,13 +7,14 @@ import pytest
 from bench_loop import Bench, write_campaign
 
 from estimation.lines.line_windows import KEPT
+from estimation.lines.tones import Tone
 from sim2real.compared import open_tones
 from sim2real.compared.distortion import distorted, driving_sines
 from sim2real.compared.open_tones import Residual, agreed, log_chances, residual_of, tones_in, with_tones
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
 from sim2real.recorded.records import read_records
-from sim2real.recorded.tones import Tone, tone_lines
+from sim2real.recorded.tones import tone_lines
 
 TONE = 2e-7  # m: a fifth of the noise of one sample
 

@@ -1,11 +1,10 @@
-"""Tones between the harmonics: found to their Cramer-Rao scatter, told by origin, and never in noise."""
+"""Where tones come from: told by frequency, by how they grow with the speed, and by their harmonics."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from campaigns import campaign
-from scipy import signal
 
 from maglev_env.loop.effect import effect
 from sim2real.compared.problem import assemble
@@ -13,123 +12,10 @@ from sim2real.compared.simulated import Point, residuals, settling, together
 from sim2real.judgement.sightings import Sighting, _higher_harmonics, _one_family
 from sim2real.judgement.unsynchronised import evidence, spin_costs
 from sim2real.recorded.records import read_records
-from sim2real.recorded.tones import MOST, families, near_tones, origin, outstanding, remove_tones, tone_at
+from sim2real.recorded.tones import families, near_tones, origin, outstanding
 from sim2real.search.hypotheses import TONES
 
-RATE, PER_PERIOD, PERIODS = 20e3, 2500, 8
-TOTAL = PER_PERIOD * PERIODS
-RESOLUTION = RATE / TOTAL
-TIME = np.arange(TOTAL) / RATE
-
-
-def sine(frequency, amplitude, phase=0.3):
-    return amplitude * np.cos(2 * np.pi * frequency * TIME + phase)
-
-
-def found_in(values, **others):
-    channels = {"displacement": np.atleast_2d(values)} | {k: np.atleast_2d(v) for k, v in others.items()}
-    return remove_tones(channels, PER_PERIOD, RATE)
-
-
-def test_frequency_and_amplitude_scatter_as_cramer_and_rao_say():
-    """Var f = 6 s^2 / (pi^2 a^2 N T^2), of a complex amplitude var = 4 s^2 / N, in white noise of sd s per sample; the
-    period that is taken out takes its share of both."""
-    rng, sd, amplitude, frequency = np.random.default_rng(1), 1.0, 0.2, 52.7
-    off = []
-    for _ in range(60):
-        phase = rng.uniform(-3, 3)
-        _, tones = found_in(sine(frequency, amplitude, phase) + sd * rng.standard_normal(TOTAL))
-        tone = min(tones, key=lambda t: abs(t.frequency - frequency))
-        own = abs(tone.amplitude["displacement"][0])
-        bound = np.sqrt(6 * sd**2 / (np.pi**2 * amplitude**2 * TOTAL)) / TIME[-1]
-        off.append([(tone.frequency - frequency) / bound, (own - amplitude) / np.sqrt(2 * sd**2 / TOTAL)])
-    spread = np.std(off, axis=0, ddof=1)
-    assert (spread > 0.75).all() and (spread < 1.4).all()
-    assert abs(np.mean(off, axis=0)).max() < 4 * 1.3 / np.sqrt(60)
-
-
-@pytest.mark.parametrize("apart", [0.9, 1.6, 2.4])
-def test_two_tones_that_are_hardly_apart_are_told_apart(apart):
-    """In bins of the record's resolution: 50 Hz mains beside a rotor at nearly 3,000 rpm."""
-    rng, sizes, first = np.random.default_rng(7), (1.0, 0.6), 52.3 * RESOLUTION + 40
-    frequencies = first, first + apart * RESOLUTION
-    both = sum(sine(f, a, phase) for f, a, phase in zip(frequencies, sizes, (0.3, 2.0), strict=True))
-    _, tones = found_in(both + 0.05 * rng.standard_normal(TOTAL))
-    assert len(tones) == 2
-    for f, a in zip(frequencies, sizes, strict=True):
-        tone = min(tones, key=lambda t: abs(t.frequency - f))
-        assert tone.frequency == pytest.approx(f, abs=0.03 * RESOLUTION)
-        assert abs(tone.amplitude["displacement"][0]) == pytest.approx(a, rel=0.05)
-
-
-def test_white_noise_shows_no_tone():
-    rng = np.random.default_rng(2)
-    for axes in (1, 2):
-        for _ in range(60):
-            values = rng.standard_normal((axes, TOTAL))
-            cleaned, tones = found_in(values)
-            assert tones == []
-            np.testing.assert_array_equal(cleaned["displacement"], values)
-
-
-@pytest.mark.xfail(strict=True, reason="a resonance narrower than the neighbours of a tone stands out of them")
-def test_noise_through_a_resonance_shows_no_tone():
-    """A mode at 61 Hz of 2.5 % damping is 3 bins of the record wide."""
-    rng, ringing = np.random.default_rng(3), signal.tf2sos(*signal.iirpeak(61.0, 20.0, RATE))
-    alarms = 0
-    for _ in range(60):
-        mode = signal.sosfilt(ringing, rng.standard_normal(2 * TOTAL))[TOTAL:]
-        alarms += bool(found_in(0.1 * rng.standard_normal(TOTAL) + 10 * mode)[1])
-    assert alarms <= 5
-
-
-def test_periodic_signals_show_no_tone():
-    """What repeats with the period is the excitation's, however large; so is a tone of the mains on a line."""
-    rng = np.random.default_rng(3)
-    periodic = np.tile(1e3 * rng.standard_normal(PER_PERIOD), PERIODS) + rng.standard_normal(TOTAL)
-    assert found_in(periodic)[1] == []
-    assert RATE / PER_PERIOD == 8.0 and found_in(sine(120.0, 5.0) + rng.standard_normal(TOTAL))[1] == []
-
-
-def test_several_tones_are_taken_out_of_all_channels():
-    rng = np.random.default_rng(4)
-    at = {50.0: 1.0, 67.5: 0.4, 777.3: 0.1}
-    noise, other = rng.standard_normal((2, TOTAL))
-    tones = sum(sine(f, a) for f, a in at.items())
-    cleaned, found = found_in(tones + noise, current=3.0 * tones + other)
-    assert [t.frequency for t in found] == pytest.approx(list(at), abs=0.02)
-    for tone, (_, a) in zip(found, at.items(), strict=True):
-        assert abs(tone.amplitude["displacement"][0]) == pytest.approx(a, abs=0.05)
-        assert abs(tone.amplitude["current"][0]) == pytest.approx(3 * a, abs=0.06)
-    # What is left differs from the noise by the freedoms fitted: four of 20,000, three times.
-    for name, own in (("displacement", noise), ("current", other)):
-        assert np.std(cleaned[name][0] - own) < 0.05
-    assert found_in(cleaned["displacement"])[1] == []
-
-
-def test_the_chi_square_of_a_tone_is_its_power_over_the_noise():
-    rng = np.random.default_rng(8)
-    sizes = [found_in(sine(53.0, 0.2) + rng.standard_normal(TOTAL))[1][0].chi2 for _ in range(30)]
-    assert 0.7 * 0.2**2 * TOTAL / 2 < np.mean(sizes) < 0.2**2 * TOTAL / 2 + 4  # told by the loudest of three floors
-
-
-def test_two_axes_have_a_tone_in_common():
-    rng = np.random.default_rng(5)
-    values = rng.standard_normal((2, TOTAL)) + np.array([[0.03], [-0.2]]) * sine(1234.5, 1.0, 0.0)
-    _, (tone,) = found_in(values)
-    x, y = tone.amplitude["displacement"]
-    assert y.real == pytest.approx(-0.2, abs=0.04) and abs(x - 0.03) < 0.04
-
-
-def test_no_more_tones_are_looked_for_than_records_have():
-    rng = np.random.default_rng(6)
-    many = sum(sine(f, 2.0) for f in 101.0 + 62.0 * np.arange(MOST + 3))
-    assert len(found_in(many + rng.standard_normal(TOTAL))[1]) == MOST
-
-
-def test_two_periods_are_too_few_to_tell():
-    values = sine(51.0, 5.0)[None, : 2 * PER_PERIOD]
-    assert remove_tones({"displacement": values}, PER_PERIOD, RATE)[1] == []
+RESOLUTION = 1.0  # Hz, of a record of one second
 
 
 @pytest.mark.parametrize(
@@ -193,22 +79,6 @@ def test_evidence_is_summed_by_family():
              Sighting(1, "pickup 60 Hz", 1, 60.0, 1e-7, 1e-9, 1e-5, 30.0),
              Sighting(1, "foreign", 1, 71.0, 1e-7, 1e-9, 1e-5, 25.0)]  # fmt: skip
     assert evidence(found) == {"spin": 1e4, "pickup": 70.0, "foreign": 25.0}
-
-
-def test_a_tone_too_small_to_be_found_is_measured_where_it_is_known_to_be():
-    """Its amplitude scatters as in white noise, and without it the chi-square has two degrees per axis."""
-    rng, sd, frequency = np.random.default_rng(21), 1.0, 47.3
-    amplitude = 3 * sd / np.sqrt(TOTAL)
-    for size, axes in ((amplitude, 1), (0.0, 1), (0.0, 2)):
-        chi2, own = [], []
-        for _ in range(80):
-            values = sine(frequency, size, rng.uniform(-3, 3)) + sd * rng.standard_normal((axes, TOTAL))
-            found, power = tone_at(values, frequency, PER_PERIOD, RATE)
-            chi2.append(power)
-            own.append(np.linalg.norm(found))
-        expected = 2 * axes + size**2 * TOTAL / (2 * sd**2)
-        assert np.mean(chi2) == pytest.approx(expected, rel=0.25)
-        assert np.mean(np.square(own)) == pytest.approx(size**2 + 4 * axes * sd**2 / TOTAL, rel=0.3)
 
 
 def sighting(family, harmonic, frequency, record=0):

@@ -1,0 +1,220 @@
+"""Tones between the harmonics of periodic records: found, removed, and what they leave uncertain on a line nearby."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
+
+from estimation.lines.periods import LineStatistics
+
+FALSE_ALARM = 1e-5  # probability that noise alone shows a tone somewhere in a record
+NEIGHBOURS = 25  # bins on either side above which a tone must stand out
+MOST = 8  # tones per record
+ON_LINE = 0.01  # bins from a line within which a tone is the same to it
+CLOSE = 8  # bins around a tone that hold no more than noise once it is removed
+BESIDE, SWEEPS = 4.0, 12  # bins within which tones take from each other, and rounds in which these are fitted again
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A sinusoid in a record.
+
+    Attributes:
+        frequency: Hz.
+        amplitude: Complex amplitudes (axes,) by channel.
+        chi2: Power of the displacement over that of its noise, as a chi-square of two degrees of freedom per axis.
+    """
+
+    frequency: float
+    amplitude: Mapping[str, np.ndarray]
+    chi2: float
+
+
+def remove_tones(
+    channels: Mapping[str, np.ndarray], per_period: int, rate: float
+) -> tuple[dict[str, np.ndarray], list[Tone]]:
+    """Remove the tones that lie between the harmonics.
+
+    Args:
+        channels: Whole periods (axes, samples) by channel.
+        per_period: Samples per period.
+        rate: Sampling rate, Hz.
+
+    Returns:
+        The channels without the tones, and the tones.
+    """
+    cleaned = {name: values.copy() for name, values in channels.items()}
+    total = cleaned["displacement"].shape[1]
+    bins: list[float] = []  # of the whole record, where tones are
+    chi2: list[float] = []
+    amplitudes: list[dict[str, np.ndarray]] = []
+    first: list[float] = []  # squared sizes as they were found
+
+    def shift(i: int, sign: float) -> None:
+        """Take a tone away, or put it back."""
+        phase = np.exp(2j * np.pi * bins[i] * np.arange(total) / total)
+        for name, values in cleaned.items():
+            values += sign * (amplitudes[i][name][:, None] * phase).real
+
+    while len(bins) < MOST:
+        peak = _strongest(cleaned["displacement"], per_period)
+        if peak is None:
+            break
+        bins.append(peak[0])
+        chi2.append(peak[1])
+        amplitudes.append({name: np.zeros(len(values), complex) for name, values in cleaned.items()})
+        # Tones that are hardly apart take from each other: each is fitted again beside the others (J. Li and P. Stoica,
+        # IEEE Transactions on Signal Processing 44, 1996).
+        beside = [i for i, b in enumerate(bins) if abs(b - bins[-1]) < BESIDE]
+        for _ in range(SWEEPS if len(beside) > 1 else 1):
+            for i in reversed(beside):
+                shift(i, 1.0)
+                bins[i], amplitudes[i] = _refined(cleaned, bins[i], per_period)
+                shift(i, -1.0)
+                if i == len(first):
+                    first.append(float((abs(amplitudes[i]["displacement"]) ** 2).sum()))
+    # What a neighbour had lent to a tone is no evidence of it.
+    size = [float((abs(a["displacement"]) ** 2).sum()) for a in amplitudes]
+    chi2 = [c * now / was for c, now, was in zip(chi2, size, first, strict=True)]
+    least = _significant(total // 2, len(cleaned["displacement"]))
+    for i, c in enumerate(chi2):
+        if c < least:
+            shift(i, 1.0)
+    found = zip(bins, amplitudes, chi2, strict=True)
+    return cleaned, [Tone(b * rate / total, a, c) for b, a, c in found if c >= least]
+
+
+def _significant(bins: int, axes: int) -> float:
+    """Chi-square that noise alone hardly ever shows in any of so many bins."""
+    return float(stats.chi2.isf(FALSE_ALARM / bins, 2 * axes)) * 1.5
+
+
+def _refined(channels: Mapping[str, np.ndarray], at: float, per_period: int) -> tuple[float, dict[str, np.ndarray]]:
+    """Bin and amplitudes of the tone near a bin."""
+    total = channels["displacement"].shape[1]
+    rest = _without_period(channels["displacement"], per_period)
+    refined = minimize_scalar(
+        lambda f: -_energy(rest, f, per_period, total),
+        bounds=(at - 1.0, at + 1.0),  # a tone beside a harmonic shows on the next bin
+        method="bounded",
+        options={"xatol": 1e-4},
+    ).x
+    own = {name: _without_period(values, per_period) for name, values in channels.items()}
+    return refined, {name: _amplitude(values, refined, per_period, total) for name, values in own.items()}
+
+
+def _without_period(values: np.ndarray, per_period: int) -> np.ndarray:
+    periods = values.reshape(len(values), -1, per_period)
+    return (periods - periods.mean(axis=1, keepdims=True)).reshape(values.shape)
+
+
+def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float] | None:
+    """Bin (of the whole record) of the strongest significant tone between harmonics, and its chi-square."""
+    total = values.shape[1]
+    count = total // per_period
+    if count < 3:
+        return None
+    bins, p, level = _around(values, per_period)
+    ratio = 2 * p / level
+    at = int(np.argmax(ratio))
+    if ratio[at] < _significant(ratio.size, len(values)):
+        return None
+    return float(bins[at]), float(ratio[at])
+
+
+def _around(values: np.ndarray, per_period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bins between the harmonics, their power, and the power of the noise around them."""
+    count = values.shape[1] // per_period
+    power = (abs(np.fft.rfft(_without_period(values, per_period), axis=1)) ** 2).sum(axis=0)
+    between = np.arange(power.size) % count != 0
+    between[: count // 2] = False  # slow drift is not a tone
+    p = power[between]
+    level = median_filter(p, 2 * NEIGHBOURS + 1, mode="reflect") / (stats.chi2.median(2 * len(values)) / 2)
+    return np.flatnonzero(between), p, np.maximum(level, np.finfo(float).tiny)
+
+
+def tone_at(values: np.ndarray, frequency: float, per_period: int, rate: float) -> tuple[np.ndarray, float]:
+    """Amplitude of values (axes, samples) at a frequency between the harmonics.
+
+    Returns:
+        amplitude: Complex amplitudes (axes,).
+        chi2: Their power over that of the surrounding noise, as a chi-square of two degrees of freedom per axis.
+    """
+    total = values.shape[1]
+    bins, _, level = _around(values, per_period)
+    at = frequency * total / rate
+    amplitude = _amplitude(_without_period(values, per_period), at, per_period, total)
+    noise = level[int(np.argmin(abs(bins - at)))]
+    return amplitude, float(2 * (abs(amplitude * total / 2) ** 2).sum() / noise)
+
+
+def _columns(frequency: float, per_period: int, total: int) -> np.ndarray:
+    phase = 2 * np.pi * frequency * np.arange(total) / total
+    return _without_period(np.array([np.cos(phase), np.sin(phase)]), per_period)
+
+
+def _fit(rest: np.ndarray, frequency: float, per_period: int, total: int) -> tuple[np.ndarray, np.ndarray]:
+    columns = _columns(frequency, per_period, total)
+    right = columns @ rest.T
+    return np.linalg.lstsq(columns @ columns.T, right, rcond=1e-9)[0], right
+
+
+def _energy(rest: np.ndarray, frequency: float, per_period: int, total: int) -> float:
+    coefficients, right = _fit(rest, frequency, per_period, total)
+    return float((coefficients * right).sum())
+
+
+def _amplitude(rest: np.ndarray, frequency: float, per_period: int, total: int) -> np.ndarray:
+    coefficients, _ = _fit(rest, frequency, per_period, total)
+    return coefficients[0] - 1j * coefficients[1]
+
+
+def stands_alone(cleaned: np.ndarray, tone: Tone, per_period: int, rate: float) -> bool:
+    """Whether nothing but noise is left around a tone: beside noise through a resonance that is nearly a line, much is.
+
+    Args:
+        cleaned: Displacements (axes, samples) without the tone.
+        tone: What was removed.
+        per_period: Samples per period.
+        rate: Sampling rate, Hz.
+    """
+    bins, power, _ = _around(cleaned, per_period)
+    total = cleaned.shape[1]
+    close = np.argsort(abs(bins - tone.frequency * total / rate))[:CLOSE]
+    level = power[close].mean() / len(cleaned)
+    size = (abs(tone.amplitude["displacement"] * total / 2) ** 2).sum()
+    return bool(2 * size >= _significant(total // 2, len(cleaned)) * level)
+
+
+def beside_tone(statistics: LineStatistics, tone: Tone, amplitude: np.ndarray, shown: Sequence[int]) -> LineStatistics:
+    """Statistics of a record without a tone, with what that leaves uncertain at the line nearest to it.
+
+    Over P periods a line S and a tone that turns by the angle t per period are S + B e^(j p t): the nearer the tone
+    lies to the line, the less they are told apart, and the more an error of its frequency moves the line. Both are
+    those of least squares. Lines further away are moved by the product of the tone and its distance from the nearest
+    line, which the scatter over periods tells well.
+
+    Args:
+        statistics: Of one record (channels, n).
+        tone: What was removed.
+        amplitude: Its amplitudes (channels,).
+        shown: Channels by which its frequency was told.
+    """
+    at = int(np.argmin(abs(statistics.frequency - tone.frequency)))
+    spacing = float(statistics.frequency[0] / statistics.lines[0])
+    p = np.arange(statistics.periods) - (statistics.periods - 1) / 2
+    off = max(abs(tone.frequency - statistics.frequency[at]) / spacing, ON_LINE / p.size)
+    both = np.stack([np.ones(p.size), np.exp(2j * np.pi * off * p)], axis=1)
+    apart = 1 / (1 - abs(both.mean(axis=0)[1]) ** 2)
+    moved, *_ = np.linalg.lstsq(both, p * both[:, 1], rcond=None)
+    left = np.sum(abs(p * both[:, 1] - both @ moved) ** 2)
+    # The tone has taken its part of the scatter: one of the P - 1 that a mean leaves.
+    noise = statistics.covariance[..., at] * (p.size - 1) / (p.size - 2)
+    size = abs(amplitude[shown]) ** 2
+    turned = p.size * np.sum(size * noise[shown, shown].real) / (2 * left * size.sum() ** 2)  # variance of t, rad^2
+    covariance = statistics.covariance.copy()
+    covariance[..., at] = noise * apart + abs(moved[0]) ** 2 * turned * np.outer(amplitude, amplitude.conj())
+    return replace(statistics, covariance=covariance)
