@@ -14,7 +14,7 @@ from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
 from sim2real.compared.drift import DRIFT, Drift, drift_of
-from sim2real.compared.open_tones import agreed, with_tones
+from sim2real.compared.open_tones import toned
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.simulated import Point, unseen_by_all
 from sim2real.compared.standing import standing
@@ -64,7 +64,7 @@ def diagnose(
     begun = time.perf_counter()
     progress("reading")
     loaded, standing_records = standing(*read_records(campaign))
-    records = agreed([with_tones(r) if isinstance(r, OpenRecord) else r for r in standing_records])
+    records = toned(standing_records)
     bench = bench_noise(records)
     fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)
