@@ -76,9 +76,7 @@ def evidence_of(
 ) -> Evidence:
     """The evidence of fitted candidates, of tones (see `unsynchronised`) and of what periods say of a drift."""
     p, candidates = attribution.problem, attribution.candidates
-    cost, nameless = _costs(attribution)
-    if drift is not None:
-        cost += [_drift_cost(p, c.fit, drift) for c in candidates]
+    cost, nameless = _costs(attribution, drift)
     fits = [c.fit for c in candidates]
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
@@ -105,7 +103,7 @@ def evidence_of(
     )
 
 
-def _costs(attribution: Attribution) -> tuple[np.ndarray, float]:
+def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, float]:
     """Predictive cost of each candidate with what its parameters contradict, and the least of what has no name, as
     `Evidence.cost` and `Evidence.nameless`."""
     p, candidates = attribution.problem, attribution.candidates
@@ -115,6 +113,7 @@ def _costs(attribution: Attribution) -> tuple[np.ndarray, float]:
         if not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
             own = c.predictive + scatter_cost(p, at) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig, motion)
+            own += 0.0 if drift is None else _drift_cost(p, c.fit, drift)
             cost[i] = own + (idle := idle_cost(at, c.effects, rig))
             nameless = min(nameless, own) if isinf(idle) else nameless
     for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
