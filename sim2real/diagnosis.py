@@ -78,8 +78,8 @@ def diagnose(
             f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
-    notes += contradictions(attribution)
     named = _named(fitted, judged, judged_on, attribution, weighed)
+    notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
     notes += named.notes
     likely = likely_of(weighed.found, weighed.evidence, shipped())
     rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None

@@ -37,9 +37,9 @@ class Evidence:
 
     Attributes:
         effects: Effects of each candidate, calibration first.
-        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, is no
-            resonance or one that acts on a single line, has a limit that nothing reaches, or names beside another
-            effect one that changes nothing.
+        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance as a
+            pair, is no resonance or one that acts on a single line, has a limit that nothing reaches, or names beside
+            another effect one that changes nothing.
         nominal: Cost of the untouched nominal rig.
         excess: Cost of each group beyond the noise, (candidates, G).
         scatter: Scatter (G,) of that cost under noise alone.
@@ -48,7 +48,7 @@ class Evidence:
         spin: Cost of each effect that may explain what turns with the rotor.
         causes: Cost of each effect that may explain one of the families in `judge.OPEN`.
         dispersion: What the best candidate leaves beyond noise.
-        strain: Part of each candidate's cost that stated parameters make that moved by more than STRAINED tolerances.
+        strain: Part of each candidate's cost that stated parameters make that moved far beyond their tolerance.
         nameless: Least cost of the candidates that name beside another effect one which changes nothing; inf without
             one. A stated constant that moved explains there, which only an unknown cause can stand for.
     """
@@ -98,7 +98,7 @@ def evidence_of(
         dict(spin),
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
-        np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in candidates]),
+        np.array([_strain(c.fit) for c in candidates]),
         nameless,
     )
 
@@ -110,9 +110,10 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     rig, motion = p.parts[0].record.nominal, motion_reached(p)
     cost, nameless = np.full(len(candidates), inf), inf
     for i, c in enumerate(candidates):
-        if not c.contradicted:
+        if len(c.effects) == 1 or not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
             own = c.predictive + scatter_cost(p, at) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig, motion)
+            own += c.fit.hypothesis.beyond_stated(c.fit.u)
             own += 0.0 if drift is None else _drift_cost(p, c.fit, drift)
             cost[i] = own + (idle := idle_cost(at, c.effects, rig))
             nameless = min(nameless, own) if isinf(idle) else nameless
@@ -127,6 +128,11 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
         ):
             cost[i] = inf
     return cost, nameless
+
+
+def _strain(fit: Fit) -> float:
+    """What stated parameters cost that moved far beyond their tolerance, beside an effect or as one."""
+    return sum(fit.hypothesis.strained(fit.u).values()) + fit.hypothesis.beyond_stated(fit.u)
 
 
 def _drift_cost(problem: Problem, fit: Fit, drift: Drift) -> float:
