@@ -31,7 +31,7 @@ from sim2real.judgement.evidence import Evidence, evidence_of
 from sim2real.judgement.judge import Entry, allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 from sim2real.judgement.mechanisms import by_mechanism, renamed
-from sim2real.judgement.on_holdout import shown_by_both
+from sim2real.judgement.on_holdout import shown_by_both, spoken_against
 from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
@@ -230,7 +230,11 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
     found, verdicted, cause = weighed.found, weighed.verdict, weighed.cause
     named = with_effects(found)
     alike = alternatives(named) if verdicted in ("explained", "ambiguous") else []
-    kept = borne_out(judged, attribution, alike) if alike and judged_on == "holdout" else alike
+    kept = alike
+    if alike and judged_on == "holdout":
+        kept = borne_out(judged, attribution, alike)
+        against = spoken_against(judged, attribution, kept)
+        kept = [e for e in kept if e not in against]
     refuted = [e for e in alike if e not in kept]
     still = [e for e in kept if _predicts_nothing(fitted, attribution, e)]
     notes = [
