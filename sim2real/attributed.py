@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sim2real.compared.bench_noise import BenchNoise
-from sim2real.compared.open_tones import agreed, with_tones
+from sim2real.compared.open_tones import toned
 from sim2real.compared.problem import Problem
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import evidence_of
@@ -93,8 +93,7 @@ def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attributi
     near = best.hypothesis.point(best.u)
     louder = float(widening(fitted, best).max(initial=1.0))
     own = {p.record.name: p.record for p in (*fitted.parts, *judged.parts)}
-    toned = agreed([with_tones(r, near) if isinstance(r, OpenRecord) else r for r in own.values()])
-    own = dict(zip(own, toned, strict=True))
+    own = dict(zip(own, toned([*own.values()], near), strict=True))
     again = [p.again(near, louder, [own[part.record.name] for part in p.parts]) for p in (fitted, judged)]
     return again[0], again[1], louder
 

@@ -14,7 +14,7 @@ from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
 from sim2real.compared.drift import DRIFT, Drift, drift_of
-from sim2real.compared.open_tones import agreed, with_tones
+from sim2real.compared.open_tones import toned
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.simulated import Point, unseen_by_all
 from sim2real.compared.standing import standing
@@ -31,7 +31,7 @@ from sim2real.judgement.evidence import Evidence, evidence_of
 from sim2real.judgement.judge import Entry, allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 from sim2real.judgement.mechanisms import by_mechanism, renamed
-from sim2real.judgement.on_holdout import shown_by_both
+from sim2real.judgement.on_holdout import shown_by_both, spoken_against
 from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
@@ -64,7 +64,7 @@ def diagnose(
     begun = time.perf_counter()
     progress("reading")
     loaded, standing_records = standing(*read_records(campaign))
-    records = agreed([with_tones(r) if isinstance(r, OpenRecord) else r for r in standing_records])
+    records = toned(standing_records)
     bench = bench_noise(records)
     fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)
@@ -78,8 +78,8 @@ def diagnose(
             f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
-    notes += contradictions(attribution)
     named = _named(fitted, judged, judged_on, attribution, weighed)
+    notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
     notes += named.notes
     likely = likely_of(weighed.found, weighed.evidence, shipped())
     rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None
@@ -230,7 +230,11 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
     found, verdicted, cause = weighed.found, weighed.verdict, weighed.cause
     named = with_effects(found)
     alike = alternatives(named) if verdicted in ("explained", "ambiguous") else []
-    kept = borne_out(judged, attribution, alike) if alike and judged_on == "holdout" else alike
+    kept = alike
+    if alike and judged_on == "holdout":
+        kept = borne_out(judged, attribution, alike)
+        against = spoken_against(judged, attribution, kept)
+        kept = [e for e in kept if e not in against]
     refuted = [e for e in alike if e not in kept]
     still = [e for e in kept if _predicts_nothing(fitted, attribution, e)]
     notes = [

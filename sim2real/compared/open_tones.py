@@ -31,6 +31,8 @@ LIGHT, RINGING = 0.1, 0.25  # damping ratio of a mode that rings, and octaves fr
 ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records
 SAME_TONE = 0.03  # lines within which a tone that is found again has the frequency that it had
 FINE = 0.5  # lines between frequencies that are tried
+SLOWEST = 4.0  # turns in a record below which a drift may pass for a tone, and for the same one in two records
+XATOL = {"xatol": 1e-3}  # lines to which the frequency of a tone is refined
 NOMINAL = Point({}, {})
 UNKNOWN_SIZE = 10.0  # times the size found, within which the tone that a fit takes out may lie
 
@@ -78,34 +80,73 @@ def with_tones(record: OpenRecord, near: Point = NOMINAL) -> OpenRecord:
     A tone that is found again where it was keeps its frequency, so that it stays the same nuisance. Where the rig was
     far off before, it is found elsewhere.
     """
+    return _searched(record, near)[0]
+
+
+def _searched(record: OpenRecord, near: Point) -> tuple[OpenRecord, Residual | None]:
+    """As `with_tones`, and the residual without these tones."""
     found: list[Tone] = []
     residual = residual_of(record, near)
     if residual is None:
-        return record
-    width = record.windows.sample_rate / record.windows.samples
+        return record, None
     while len(found) < MOST:
         tone, residual = _strongest(residual)
         if tone is None:
             break
-        known = [t.frequency for t in record.tones if abs(t.frequency - tone.frequency) < SAME_TONE * width]
+        known = [t.frequency for t in record.tones if abs(t.frequency - tone.frequency) < SAME_TONE * _spacing(record)]
         found.append(replace(tone, frequency=known[0]) if known else tone)
-    return replace(record, tones=tuple(found))
+    return replace(record, tones=tuple(found)), residual
+
+
+def toned(records: Sequence[Record | OpenRecord], near: Point = NOMINAL) -> list[Record | OpenRecord]:
+    """The records, those without a period with the tones that are believed of what a simulation leaves in them.
+
+    A tone of known origin is believed, and one that another record has at the same frequency: a resonance that the
+    model lacks looks a little different in every record. A slow one, for which a drift may pass, must be in two records
+    in any case. Where a record shows a tone, the others are looked at again there: at one known frequency, noise passes
+    for a tone far less often than anywhere in a record.
+    """
+    searched = [_searched(r, near) if isinstance(r, OpenRecord) else (r, None) for r in records]
+    found = [record for record, _ in searched]
+    shown = [t.frequency for r in found for t in r.tones]
+    again = [r if left is None else _looked_again(r, left, shown) for r, left in searched if isinstance(r, OpenRecord)]
+    left = iter(again)
+    return agreed([next(left) if isinstance(r, OpenRecord) else r for r in found])
+
+
+def _looked_again(record: OpenRecord, residual: Residual, frequencies: Sequence[float]) -> OpenRecord:
+    """The record with a tone at each of the frequencies (Hz) at which one stands out of what its own tones leave."""
+    tones, spacing = list(record.tones), _spacing(record)
+    for f in frequencies:
+        line = f / spacing
+        if any(abs(t.frequency - f) < 1.0 * spacing for t in tones) or not _tried(record, np.array([line])).size:
+            continue
+        refined = _strongest_near(residual, line, ALIKE)
+        if _chance(residual, refined) <= np.log(FALSE_ALARM):
+            tone, residual = _taken_out(residual, refined)
+            tones.append(tone)
+    return replace(record, tones=tuple(tones))
 
 
 def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
-    """The records with those tones of records without a period that are of known origin, or that another record has at
-    the same frequency: a resonance that the model lacks looks a little different in every record."""
+    """The records with those tones of records without a period that are believed, as `toned`."""
 
     def kept(record: OpenRecord, tone: Tone) -> bool:
-        width = record.windows.sample_rate / record.windows.samples
+        spacing = _spacing(record)
         others = (t.frequency for r in records if r is not record for t in r.tones)
-        known = origin(tone.frequency, record.experiment.speed_rpm, width) is not None
-        return known or any(abs(f - tone.frequency) < ALIKE * width for f in others)
+        known = origin(tone.frequency, record.experiment.speed_rpm, spacing) is not None
+        fast = tone.frequency >= WIDTH * spacing
+        return (known and fast) or any(abs(f - tone.frequency) < ALIKE * spacing for f in others)
 
     return [
         replace(r, tones=tuple(t for t in r.tones if kept(r, t))) if isinstance(r, OpenRecord) and r.tones else r
         for r in records
     ]
+
+
+def _spacing(record: OpenRecord) -> float:
+    """Distance of a record's lines, Hz."""
+    return record.windows.sample_rate / record.windows.samples
 
 
 def nuisance_columns(record: OpenRecord, tone: Tone, outputs: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -156,34 +197,50 @@ def _window(residual: Residual, line: np.ndarray) -> np.ndarray:
 def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     """The strongest tone that is significant, and the residual without it."""
     record, w = residual.record, residual.record.windows
-    spacing = w.sample_rate / w.samples
-    tried = np.arange(w.first, w.first + w.frequency.size - 1 + FINE, FINE)
-    tried = tried[(tried >= WIDTH) & ~_ringing(record, tried * spacing)]  # what is slower may be drift
-    tried = tried[~_of_the_drive(record, tried * spacing)]
+    tried = _tried(record, np.arange(w.first, w.first + w.frequency.size - 1 + FINE, FINE))
     if not tried.size:
         return None, residual
 
-    def chance(line: float, of: Residual = residual) -> float:
-        return float(log_chances(of, np.array([line * spacing]))[0])
-
-    def strongest_near(line: float, of: Residual) -> float:
-        bounds = (line - 2 * FINE, line + 2 * FINE)
-        return float(minimize_scalar(chance, bounds=bounds, args=(of,), method="bounded", options={"xatol": 1e-3}).x)
-
     def significant(line: float) -> bool:
-        return chance(line) + np.log(tried.size) <= np.log(FALSE_ALARM)
+        return _chance(residual, line) + np.log(tried.size) <= np.log(FALSE_ALARM)
 
-    refined = strongest_near(float(tried[int(np.argmin(log_chances(residual, tried * spacing)))]), residual)
+    likeliest = tried[int(np.argmin(log_chances(residual, tried * _spacing(record))))]
+    refined = _strongest_near(residual, float(likeliest), 2 * FINE)
     if not significant(refined):
         return None, residual
     # Where drives may explain most of a window, as those of two axes do, what is left of it tells a frequency badly.
     if 2 * residual.rank[_window(residual, np.array([refined]))[0]] > KEPT:
-        again = strongest_near(refined, residual.undriven())
+        again = _strongest_near(residual.undriven(), refined, 2 * FINE)
         refined = again if significant(again) else refined
-    (amplitude,), (chi2,) = tones_in(residual, np.array([refined * spacing]))
+    return _taken_out(residual, refined)
+
+
+def _tried(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
+    """Those of lines (n,) at which a tone may be told: not of drift, of ringing, or of the drive."""
+    w, spacing = record.windows, _spacing(record)
+    inside = (lines >= max(w.first, SLOWEST)) & (lines <= w.first + w.frequency.size - 1 + FINE)
+    lines = lines[inside]
+    lines = lines[~_ringing(record, lines * spacing)]
+    return lines[~_of_the_drive(record, lines * spacing)]
+
+
+def _chance(residual: Residual, line: float) -> float:
+    return float(log_chances(residual, np.array([line * _spacing(residual.record)]))[0])
+
+
+def _strongest_near(residual: Residual, line: float, within: float) -> float:
+    """Of lines within a distance of one, that at which a tone stands out most."""
+    bounds = (line - within, line + within)
+    return float(minimize_scalar(lambda f: _chance(residual, f), bounds=bounds, method="bounded", options=XATOL).x)
+
+
+def _taken_out(residual: Residual, line: float) -> tuple[Tone, Residual]:
+    """The tone at a line, and the residual without it."""
+    w, frequency = residual.record.windows, line * _spacing(residual.record)
+    (amplitude,), (chi2,) = tones_in(residual, np.array([frequency]))
     own = np.array([amplitude.real, -amplitude.imag])
-    without = residual.lines - np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, refined * spacing)))
-    return Tone(float(refined * spacing), {"opened": amplitude}, float(chi2)), replace(residual, lines=without)
+    without = residual.lines - np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, frequency)))
+    return Tone(float(frequency), {"opened": amplitude}, float(chi2)), replace(residual, lines=without)
 
 
 def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:

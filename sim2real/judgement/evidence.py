@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf, isinf
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from sim2real.judgement.within_reach import LIMITED, shows_limit
 from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
-from sim2real.search.fitting import Fit
+from sim2real.search.fitting import Fit, differentiate
 from sim2real.search.hypotheses import REPLACED, added_lag
 
 NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such
@@ -36,8 +37,9 @@ class Evidence:
 
     Attributes:
         effects: Effects of each candidate, calibration first.
-        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance, is no
-            resonance or one that acts on a single line, or has a limit that nothing reaches.
+        cost: Predictive cost of each candidate; inf where it touches down, contradicts a stated tolerance as a
+            pair, is no resonance or one that acts on a single line, has a limit that nothing reaches, or names beside
+            another effect one that changes nothing.
         nominal: Cost of the untouched nominal rig.
         excess: Cost of each group beyond the noise, (candidates, G).
         scatter: Scatter (G,) of that cost under noise alone.
@@ -46,7 +48,9 @@ class Evidence:
         spin: Cost of each effect that may explain what turns with the rotor.
         causes: Cost of each effect that may explain one of the families in `judge.OPEN`.
         dispersion: What the best candidate leaves beyond noise.
-        strain: Part of each candidate's cost that stated parameters make that moved by more than STRAINED tolerances.
+        strain: Part of each candidate's cost that stated parameters make that moved far beyond their tolerance.
+        nameless: Least cost of the candidates that name beside another effect one which changes nothing; inf without
+            one. A stated constant that moved explains there, which only an unknown cause can stand for.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -60,6 +64,7 @@ class Evidence:
     causes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     dispersion: Dispersion = NOISE_ALONE
     strain: np.ndarray | None = None
+    nameless: float = inf
 
 
 def evidence_of(
@@ -71,9 +76,7 @@ def evidence_of(
 ) -> Evidence:
     """The evidence of fitted candidates, of tones (see `unsynchronised`) and of what periods say of a drift."""
     p, candidates = attribution.problem, attribution.candidates
-    cost = _costs(attribution)
-    if drift is not None:
-        cost += [_drift_cost(p, c.fit, drift) for c in candidates]
+    cost, nameless = _costs(attribution, drift)
     fits = [c.fit for c in candidates]
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
@@ -95,29 +98,41 @@ def evidence_of(
         dict(spin),
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
-        np.array([sum(c.fit.hypothesis.strained(c.fit.u).values()) for c in candidates]),
+        np.array([_strain(c.fit) for c in candidates]),
+        nameless,
     )
 
 
-def _costs(attribution: Attribution) -> np.ndarray:
-    """Predictive cost of each candidate with what its parameters contradict, as `Evidence.cost`."""
+def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, float]:
+    """Predictive cost of each candidate with what its parameters contradict, and the least of what has no name, as
+    `Evidence.cost` and `Evidence.nameless`."""
     p, candidates = attribution.problem, attribution.candidates
     rig, motion = p.parts[0].record.nominal, motion_reached(p)
-    cost = np.full(len(candidates), np.inf)
+    cost, nameless = np.full(len(candidates), inf), inf
     for i, c in enumerate(candidates):
-        if not c.contradicted:
+        if len(c.effects) == 1 or not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
-            beside = scatter_cost(p, at) + idle_cost(at, c.effects, rig) + stiffness_cost(at, rig)
-            cost[i] = c.predictive + beside + meaningless_cost(c.fit, rig, motion)
+            own = c.predictive + scatter_cost(p, at) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig, motion)
+            own += c.fit.hypothesis.beyond_stated(c.fit.u)
+            own += 0.0 if drift is None else _drift_cost(p, c.fit, drift)
+            cost[i] = own + (idle := idle_cost(at, c.effects, rig))
+            nameless = min(nameless, own) if isinf(idle) else nameless
     for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
         if cost[i] > cost.min() + NEAR_BEST:
             break
         fit = candidates[i].fit
+        if fit.jacobian is None and np.isfinite(fit.cost):  # what follows, and its dispersion, need one
+            differentiate([fit], p.data, p.simulate, True)
         if acts_on_one_line(p, fit) or not all(
             shows_limit(p, fit, name, attribution.without(int(i), name)) for name in LIMITED
         ):
-            cost[i] = np.inf
-    return cost
+            cost[i] = inf
+    return cost, nameless
+
+
+def _strain(fit: Fit) -> float:
+    """What stated parameters cost that moved far beyond their tolerance, beside an effect or as one."""
+    return sum(fit.hypothesis.strained(fit.u).values()) + fit.hypothesis.beyond_stated(fit.u)
 
 
 def _drift_cost(problem: Problem, fit: Fit, drift: Drift) -> float:
@@ -134,14 +149,14 @@ def _drift_cost(problem: Problem, fit: Fit, drift: Drift) -> float:
 
 
 def idle_cost(point: Point, names: Sequence[str], rig: Rig) -> float:
-    """Cost of those of the named effects that change nothing at a point of a rig.
+    """Cost of those of the named effects that change nothing at a point of a rig; inf where others are named with them.
 
     What then explains is a stated constant that moved beside them, and any other error of the time between two channels
-    may do the same.
+    may do the same. An effect alone is still the nearest name for that. Beside another one it is a name too many: it
+    would pass for a part of the cause while what its constant makes up for is a lack of the other effect.
     """
-    return IDLE * sum(
-        _later(point, name, names, rig) <= 0 if name in REPLACED else _absent(point, name) for name in names
-    )
+    idle = sum(_later(point, name, names, rig) <= 0 if name in REPLACED else _absent(point, name) for name in names)
+    return inf if idle and len(names) > 1 else IDLE * idle
 
 
 def _absent(point: Point, name: str) -> bool:

@@ -49,6 +49,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
         causes={family: _table(costs) for family, costs in data["causes"].items()},
         dispersion=Dispersion(**kinds),
         strain=None if strain is None else _numbers(strain),
+        nameless=float(_numbers([data.get("nameless")])[0]),
     )
 
 

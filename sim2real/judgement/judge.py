@@ -115,10 +115,12 @@ def lacking(evidence: Evidence, judge: Judge | None = None) -> float:
 
 
 def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.ndarray, belief: Belief) -> float:
-    """What a free correction of every group would save that the best candidate leaves unexplained."""
+    """What a free correction of every group would save that the best candidate leaves unexplained; or one of a stated
+    constant, where that has no name beside the effects that it helps."""
     share = min(belief.leftover * forms[best] / gap, 1.0) if gap else 0.0
     allowed = belief.group_sd * evidence.scatter + share * np.maximum(evidence.excess[0], 0.0)
-    return float(np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum())
+    of_groups = float(np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum())
+    return max(of_groups, float(evidence.cost[best]) - evidence.nameless - belief.group_cost)
 
 
 def _unlike(evidence: Evidence, saved: float, form: float, excused: float, belief: Belief) -> float:

@@ -8,7 +8,7 @@ from sim2real.compared.problem import Problem
 from sim2real.gap.shrink import gap_of
 from sim2real.judgement.borne_out import CLEAR_GAP
 from sim2real.judgement.judge import Entry
-from sim2real.search.candidates import ABOUT, Attribution, Candidate
+from sim2real.search.candidates import ABOUT, NO_GAP, Attribution, Candidate
 from sim2real.search.fitting import Fit, begin, differentiate, inverse, real_product
 
 
@@ -38,6 +38,27 @@ def shown_by_both(judged: Problem, attribution: Attribution, named: Sequence[Ent
     if not tried or not cost.min() < _of_both(judged, attribution.calibration) - ABOUT:
         return []
     return [e for (e, _), own in zip(tried, cost, strict=True) if own < cost.min() + ABOUT]
+
+
+def spoken_against(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
+    """Hypotheses that the fitted recordings hardly show, and the holdout less than calibration alone.
+
+    What a fit of many effects saves by chance it loses on recordings that it has not seen. Together with these it must
+    still save more than NO_GAP.
+
+    Args:
+        judged: The holdout.
+        attribution: The fitted candidates.
+        named: Hypotheses with effects.
+    """
+    asked = [(e, attribution.candidates[e.candidate]) for e in named if e.candidate is not None]
+    saved = [attribution.calibration.predictive - c.predictive for _, c in asked]
+    weak = [(e, c, s) for (e, c), s in zip(asked, saved, strict=True) if c.effects and s < NO_GAP + ABOUT]
+    if not weak:
+        return []
+    plain = left_on(judged, attribution.calibration.fit)
+    more = [left_on(judged, c.fit) - plain for _, c, _ in weak]
+    return [e for (e, _, s), m in zip(weak, more, strict=True) if np.isfinite(m) and m > 0 and s - m < NO_GAP]
 
 
 def _of_both(judged: Problem, candidate: Candidate) -> float:

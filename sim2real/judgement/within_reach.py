@@ -2,8 +2,9 @@
 
 Bristles that only bend are a spring in series with a damper. Anything that creeps is one too, a cable or a rubber
 mount, and so is a weak echo of the motion. What tells friction is that its force has a limit. Likewise, a hysteresis
-whose width no current reaches lags by nothing and is a smaller gain, or under ripple a lag in time. A fit which
-explains no less with a limit that is out of reach has found something linear under the effect's name.
+whose width no current reaches lags by nothing and is a smaller gain, or under ripple a lag in time. A dead band whose
+edges are rounded over more than any command is a smaller gain, too. A fit which explains no less with a limit that is
+out of reach has found something linear under the effect's name.
 
 Of a hysteresis under ripple only a small part is bent, because the ripple wipes out most of the loop. Where such a fit
 leaves noise alone, it is enough that noise cannot have made what the limit saves.
@@ -24,6 +25,7 @@ from sim2real.search.following import following
 LIMITED: Mapping[str, tuple[str, ...]] = {
     "friction": ("force", "velocity", "presliding", "stribeck"),
     "hysteresis": ("width", "ripple"),
+    "deadband": ("half_width", "rounding"),
 }
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
@@ -47,7 +49,7 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
     factor = min([FAR, *(card[key].high / values[key] for key in limited if values[key])])
     if factor < LEAST:
         return True
-    values |= {key: factor * values[key] for key in limited}
+    values |= {key: min(factor * values[key], card[key].high) for key in limited}
     never = Point({**at.effects, name: values}, at.changes, at.dithered)
     (linear,) = problem.simulate([never])
     if not np.isfinite(linear).all():

@@ -72,9 +72,11 @@ def attribute(
         progress("the same effects again")
         singles, pairs = _again(problem, earlier, reach)
     least = min((f.cost for f in singles), default=np.inf)
-    if not calibration[0].cost - least < NO_GAP:
+    if calibration[0].cost - least < NO_GAP:
+        singles = _one_of_each(singles)
+    else:
         progress("forms of effects")
-        singles = shaped(problem, calibration[0].cost, singles, SHAPED)
+        singles = _one_of_each(shaped(problem, calibration[0].cost, singles, SHAPED))
         progress("pairs of effects")
         pairs, singles = fit_pairs(problem, (untouched, calibration[0]), singles, pairs)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
@@ -92,6 +94,12 @@ def attribute(
     at_end = [f for f in (fits[0], *close) if not f.fresh and f.jacobian is not None]
     differentiate(at_end, problem.data, problem.simulate, True)
     return Attribution(nominal, tuple(map(Candidate, fits)), 2.0 * problem.data.size, problem)
+
+
+def _one_of_each(fits: Sequence[Fit]) -> list[Fit]:
+    """The best fit of each hypothesis: what may sit at other places was fitted in its plain form and there."""
+    tried = dict.fromkeys(f.hypothesis.effects for f in fits)
+    return [min((f for f in fits if f.hypothesis.effects == own), key=lambda f: f.cost + f.occam) for own in tried]
 
 
 def may_drift(problem: Problem) -> bool:

@@ -1,5 +1,6 @@
 """Fitted hypotheses, and what can be said of them as they stand."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -92,12 +93,13 @@ class Attribution:
         return fits[0]
 
 
-def contradictions(attribution: Attribution) -> list[str]:
-    """A sentence for each single effect that would explain more than all others if the rig did not exclude it."""
+def contradictions(attribution: Attribution, named: Collection[str] = ()) -> list[str]:
+    """A sentence for each single effect that would explain more than all others if the rig did not exclude it, but for
+    those that are named all the same."""
     allowed = min((c.predictive for c in attribution.candidates if not c.contradicted), default=np.inf)
     found = []
     for c in attribution.candidates:
-        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed:
+        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed and c.effects[0] not in named:
             nominal = EFFECTS[c.effects[0]].nominal
             change = c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0]))
             stated = attribution.problem.parts[0].record.nominal.tolerance[nominal]

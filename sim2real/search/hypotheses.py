@@ -75,8 +75,10 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
 FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 # A stated tolerance is also a prior of the effect that changes the same parameter. The effect stands for a parameter
 # that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
-# more than EXCLUDED of these contradicts what the rig states, and is not an explanation.
-WIDER, EXCLUDED = 5.0, 3.0
+# more than EXCLUDED of these contradicts what the rig states: in a pair it is not an explanation, and an effect alone
+# soon becomes none. Its cost grows by STEEP times the square of what exceeds them, because of two effects that explain
+# as much, at 15.3 and 14.1 tolerances, neither is much less probable.
+WIDER, EXCLUDED, STEEP = 5.0, 3.0, 30.0
 STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
 NEARLY = 0.999  # share of that change at which a fit that may not go farther stands at the end
 # A lag of another time constant than stated is still one pole, but these effects add a second one. So beside such an
@@ -181,6 +183,11 @@ class Hypothesis:
         far = ((c, sd) for c, v in zip(self.coordinates, u, strict=False)
                if (sd := self._prior_sd(c)) and abs(c.value(float(v))) > NEARLY * EXCLUDED * sd)  # fmt: skip
         return tuple(c.effect for c, _ in far)
+
+    def beyond_stated(self, u: np.ndarray) -> float:
+        """Cost of what exceeds EXCLUDED at coordinates u; 0 where nothing contradicts a stated tolerance."""
+        sizes = ((abs(c.value(float(v))), self._prior_sd(c)) for c, v in zip(self.coordinates, u, strict=False))
+        return STEEP * sum(max(size / sd - EXCLUDED, 0.0) ** 2 for size, sd in sizes if sd)
 
     def strained(self, u: np.ndarray) -> dict[str, float]:
         """Stated parameters that moved by more than STRAINED tolerances, each with the cost of that."""

@@ -97,7 +97,7 @@ def kept(starts: Sequence[Start]) -> list[Start]:
     """The best start of each hypothesis.
 
     Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own; of what
-    may sit at several places, the best at each.
+    may sit at several places, the best at each, that of the plain formula among them.
     """
     found: list[Start] = []
     for start in starts:
@@ -106,7 +106,7 @@ def kept(starts: Sequence[Start]) -> list[Start]:
         at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
         apart = all(np.any(abs(start.u[at] - s.u[at]) > APART) for s in same if s.hypothesis.effects == h.effects)
         elsewhere = all(_place(start) != _place(s) for s in same if s.hypothesis.effects == h.effects)
-        if not same or (at and apart and len(same) < RESONANT) or (h.shaped and elsewhere):
+        if not same or (at and apart and len(same) < RESONANT) or elsewhere:
             found.append(start)
     return found
 

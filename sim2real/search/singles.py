@@ -25,6 +25,10 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
     Starts are placed beside the untouched nominal rig and beside calibration alone, because a missing effect may have
     driven the calibration far away. Where it was not, one of both is enough. What promises no more than calibration is
     not followed.
+
+    Returns:
+        The best fit of each effect; where it may sit at other places, one in its plain form and one there. What is
+        elsewhere has its form free, so that after a few steps it is ahead, and it may end in a minimum of its own.
     """
     fits: list[Fit] = []
     unexplained, reached = seeds[-1].cost, current_reached(problem)
@@ -43,10 +47,15 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
         fits += begun
     asked = unexplained - LEAST if np.isfinite(unexplained) else np.inf
     iterate(fits, problem.data, problem.simulate, FIRST, [asked] * len(fits))
-    tried = dict.fromkeys(f.hypothesis.effects for f in fits)
-    best = [min((f for f in fits if f.hypothesis.effects == names), key=lambda f: f.cost) for names in tried]
+    tried = dict.fromkeys(_kind(f) for f in fits)
+    best = [min((f for f in fits if _kind(f) == own), key=lambda f: f.cost) for own in tried]
     iterate(best, problem.data, problem.simulate, ITERATIONS, [asked] * len(best))
     return best
+
+
+def _kind(fit: Fit) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Its effects, and those of them whose form is free."""
+    return fit.hypothesis.effects, fit.hypothesis.shaped
 
 
 def begin_at(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -> list[Fit]:

@@ -10,7 +10,7 @@ from estimation.lines.line_windows import KEPT
 from estimation.lines.tones import Tone
 from sim2real.compared import open_tones
 from sim2real.compared.distortion import distorted, driving_sines
-from sim2real.compared.open_tones import Residual, agreed, log_chances, residual_of, tones_in, with_tones
+from sim2real.compared.open_tones import Residual, agreed, log_chances, residual_of, toned, tones_in, with_tones
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
 from sim2real.recorded.records import read_records
@@ -70,6 +70,43 @@ def test_a_tone_of_unknown_origin_counts_where_two_recordings_have_it(read):
     )
     other = replace(one, tones=(Tone(61.75, {"opened": np.ones(1)}, 99.0), Tone(83.4, {"opened": np.ones(1)}, 99.0)))
     assert [[t.frequency for t in r.tones] for r in agreed([one, other])] == [[61.7, 50.1], [61.75]]
+
+
+@pytest.fixture(scope="module")
+def read_both(tmp_path_factory):
+    def made(bench, seed=0, drift=0.0):
+        folder = write_campaign(tmp_path_factory.mktemp("both"), bench, {"noise": "fit", "chirp": "fit"}, 1.0, seed)
+        if drift:  # of the probe, as it warms up
+            for kind in ("noise", "chirp"):
+                channels = dict(np.load(folder / f"{kind}.npz"))
+                n = len(channels["displacement"])
+                channels["displacement"] += drift * (1 - np.exp(-np.arange(n) / n / 0.2))
+                np.savez(folder / f"{kind}.npz", **channels)
+        return read_records(folder)[1]
+
+    return made
+
+
+def test_a_slow_tone_counts_where_two_recordings_have_it(read_both):
+    """Of 12.4 turns a record, in the first window, where a drift may be."""
+    for record in toned(read_both(Bench(gain=0.1, tone=5 * TONE, tone_frequency=12.4))):
+        (tone,) = record.tones
+        assert tone.frequency == pytest.approx(12.4, abs=0.05)
+        assert abs(tone.amplitude["opened"][0]) == pytest.approx(5 * TONE, rel=0.2)
+
+
+def test_a_drift_and_a_slow_tone_that_one_recording_alone_has_do_not_count(read_both):
+    assert [r.tones for r in toned(read_both(Bench(), drift=100 * TONE))] == [(), ()]
+    noise, _ = read_both(Bench(tone=5 * TONE, tone_frequency=12.4))
+    _, chirp = read_both(Bench())
+    assert [r.tones for r in toned([noise, chirp])] == [(), ()]
+
+
+def test_where_one_recording_shows_a_tone_others_are_looked_at_again(read_both):
+    """Among all frequencies, noise hides the tone in one of both; at the frequency of the other it stands out."""
+    noise, chirp = read_both(Bench(tone=0.5 * TONE))
+    assert with_tones(chirp).tones and not with_tones(noise).tones
+    assert [t.frequency for r in toned([noise, chirp]) for t in r.tones] == pytest.approx([61.7, 61.7], abs=0.3)
 
 
 def test_drives_that_explain_most_of_a_window_leave_the_frequency_alone(read, monkeypatch):

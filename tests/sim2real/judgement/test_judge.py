@@ -1,6 +1,7 @@
 """What evidence makes believable: hand-made costs and groups, of which the answer is plain."""
 
 from dataclasses import replace
+from math import inf
 from types import MappingProxyType
 
 import numpy as np
@@ -279,9 +280,26 @@ def idle(effects, changes=MappingProxyType({})):
 
 def test_an_effect_that_changes_nothing_costs_what_a_clear_gap_is_worth():
     assert idle({"sensor_lag": {"time_constant": 0.0}}, {"sensor_time_constant": -0.9}) == IDLE
-    assert idle({"sensor_lag": {"time_constant": 1e-5}, "damping": {"coefficient": 0.0}}) == IDLE
     assert idle({"force_law": {"exponent": 0.4, "offset": 0.0}}) == 0.0
     assert idle({}) == 0.0
+
+
+def test_an_effect_that_changes_nothing_is_not_named_beside_another_one():
+    """A saturation beside an amplifier that is faster than stated: nothing lags."""
+    saturated, lag = {"saturation": {"field": 1.0}}, {"amplifier_lag": {"time_constant": 0.0}}
+    assert idle(saturated | lag, {"amplifier_time_constant": -0.07}) == inf
+    assert idle(saturated | lag, {"amplifier_time_constant": 0.07}) == 0.0
+    assert idle({"sensor_lag": {"time_constant": 1e-5}, "damping": {"coefficient": 0.0}}) == inf
+
+
+def test_what_a_stated_constant_explains_better_than_any_name_is_unknown():
+    """A saturation leaves no more than another form of it may; beside it, an amplifier that is faster than stated
+    leaves nothing, which no form of a saturation does."""
+    saturated = gap(1e5, saturation=1e3)
+    assert judged(saturated) == ("explained", ("saturation",))
+    assert judged(replace(saturated, nameless=EXPECTED)) == ("unexplained", ("unknown",))
+    # A little better is what any further constant is.
+    assert judged(replace(saturated, nameless=EXPECTED + 1e3 - 20.0)) == ("explained", ("saturation",))
 
 
 def test_a_block_whose_stated_time_constant_grew_lags():
@@ -300,7 +318,7 @@ def test_a_lag_that_is_taken_off_the_stated_time_constant_makes_nothing_later():
     assert idle(lag, {"amplifier_time_constant": -0.1}) == 0.0
     dead = Point(lag | {"delay": {"time": 2e-5}}, {"amplifier_time_constant": -0.2})
     assert idle_cost(dead, ("amplifier_lag",), LAGGING) == 0.0
-    assert idle_cost(dead, ("amplifier_lag", "delay"), LAGGING) == IDLE
+    assert idle_cost(dead, ("amplifier_lag", "delay"), LAGGING) == inf
     assert idle({"sensor_lag": {"time_constant": 2e-5}}, {"sensor_time_constant": -0.4}) == IDLE
 
 

@@ -70,3 +70,30 @@ def test_only_a_width_that_the_current_reaches_is_hysteresis(width, shown):
     differentiate(fits, data, lagging, True)
     problem = SimpleNamespace(data=data, simulate=lagging)
     assert shows_limit(problem, fits[0], "hysteresis", float(np.vdot(data, data).real)) == shown
+
+
+COMMAND = np.linspace(0.05, 1.0, 60)
+BAND = Hypothesis(("deadband",), {})
+
+
+def left(points):
+    """What a dead band leaves of each command, in the mean of edges that are smeared as by a normal number."""
+    own = [p.effects.get("deadband", {"half_width": 0.0, "rounding": 0.0}) for p in points]
+    edges = [(f["half_width"], f["rounding"]) for f in own]
+    lost = [0.5 * (np.hypot(COMMAND + h, r) - np.hypot(COMMAND - h, r)) for h, r in edges]
+    return (COMMAND - np.array(lost)).astype(complex) / 1e-4
+
+
+@pytest.mark.parametrize("half_width, rounding, shown", [(0.02, 0.05, True), (0.1, 20.0, False)])
+def test_only_a_band_whose_edges_the_command_reaches_is_a_dead_band(half_width, rounding, shown):
+    """Edges rounded over far more than any command make of a dead band a smaller gain."""
+    truth = SimpleNamespace(effects={"deadband": {"half_width": half_width, "rounding": rounding}})
+    data = left([truth])[0]
+    start = np.array(
+        [c.at({"half_width": half_width, "rounding": 0.8 * rounding}[c.parameter]) for c in BAND.coordinates]
+    )
+    fits = begin([BAND], [start], data, left)
+    iterate(fits, data, left, 30)
+    differentiate(fits, data, left, True)
+    nothing = float(np.sum(abs(data - left([SimpleNamespace(effects={})])[0]) ** 2))
+    assert shows_limit(SimpleNamespace(data=data, simulate=left), fits[0], "deadband", nothing) == shown

@@ -1,5 +1,7 @@
 """Starts and how far others follow them, on predictions that are linear, against one joint least squares."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -91,3 +93,18 @@ def test_of_a_resonance_starts_far_apart_are_kept_and_of_others_the_best():
     frequencies = [round(float(np.exp(s.u[0]))) for s in found if s.hypothesis is mode]
     assert frequencies == [60, 90, 150] and len(frequencies) == RESONANT
     assert [s.cost for s in found if s.hypothesis is lag] == [7.0]
+
+
+def test_of_what_may_sit_elsewhere_the_best_start_at_each_place_is_kept_and_the_plain_one():
+    """A knee of the current, whose sharpness is free, is ahead on one record of the iron's, whose is not."""
+    plain = Hypothesis(("saturation",), {})
+    free = replace(plain, shaped=("saturation",))
+
+    def elsewhere(name, cost):
+        u = np.zeros(free.size)
+        u[free.calibrated.index(f"saturation.{name}") + len(free.coordinates)] = 0.5
+        return Start(free, u, cost)
+
+    iron = [Start(plain, np.array([u]), cost) for u, cost in ((0.0, 3.0), (0.5, 6.0))]
+    found = kept([elsewhere("current", 1.0), elsewhere("current", 2.0), iron[0], elsewhere("command", 5.0), iron[1]])
+    assert [s.cost for s in found] == [1.0, 3.0, 5.0]

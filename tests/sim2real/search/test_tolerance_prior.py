@@ -14,7 +14,7 @@ from sim2real.diagnosis import diagnose
 from sim2real.search import attribute
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.fitting import Fit
-from sim2real.search.hypotheses import EXCLUDED, WIDER, Hypothesis, single_effects
+from sim2real.search.hypotheses import EXCLUDED, STEEP, WIDER, Hypothesis, single_effects
 
 HEAVY = Bench(gain=0.3, stiffness=0.3)  # without a force, the same as a mass that is smaller by 23 %
 
@@ -51,6 +51,15 @@ def test_a_tolerance_is_a_row_of_the_least_squares():
     assert h.contradicted(np.array([inside, 5.0, 0.0])) == ()
     free = Hypothesis(("mass",), {})
     assert not free.prior.any() and free.contradicted(np.array([-3.3])) == ()
+
+
+def test_an_effect_alone_soon_contradicts_what_is_stated_and_not_at_once():
+    """Of two effects that explain the same, at 15.3 and 14.1 tolerances, neither is beyond the other by much."""
+    h, sd = Hypothesis(("mass",), {"mass": 0.005}), WIDER * 0.005 / 0.1  # a unit of u is 10 % of mass
+    costs = [h.beyond_stated(np.array([z * sd])) for z in (-2.8, 2.99, 3.06, -4.0, 20.0)]
+    assert costs == pytest.approx([0.0, 0.0, STEEP * 0.06**2, STEEP, STEEP * 17.0**2])
+    assert costs[2] < 0.2 and costs[3] > 20.0
+    assert Hypothesis(("mass",), {}).beyond_stated(np.array([9.0])) == 0.0
 
 
 def test_the_sensors_gain_is_known_by_the_probes():
@@ -100,6 +109,7 @@ def test_what_contradicts_the_rig_is_said_and_never_a_partial_explanation():
     found = Attribution(2e5, (calibration, heavy, late, useless), 100.0, problem)
     (said,) = contradictions(found)
     assert said.startswith("mass -33 % would fit better") and "the rig states mass to within 0.2 %" in said
+    assert contradictions(found, ["mass"]) == []
     assert best_partial(found, None) is late is best_partial(found, 2)
     assert best_partial(found, 3) is calibration  # a damping that explains nothing
 

@@ -59,10 +59,10 @@ def test_the_same_examples_give_the_same_judge(learned):
 
 def test_evidence_is_the_same_after_json():
     e = drawn(np.random.default_rng(5), "delay", 500.0, 25.0)
-    e = replace(e, cost=np.where(np.arange(e.cost.size) == 2, np.inf, e.cost), tones={"pickup": 3.0})
+    e = replace(e, cost=np.where(np.arange(e.cost.size) == 2, np.inf, e.cost), tones={"pickup": 3.0}, nameless=640.0)
     again = evidence_from_json(json.loads(json.dumps(evidence_to_json(e))))
     assert [(h.effects, h.probability) for h in entries(e)] == [(h.effects, h.probability) for h in entries(again)]
-    assert again.groups == e.groups and np.array_equal(again.cost, e.cost)
+    assert again.groups == e.groups and np.array_equal(again.cost, e.cost) and again.nameless == 640.0
 
 
 def test_trust_makes_probabilities_less_sure_and_keeps_their_order():
