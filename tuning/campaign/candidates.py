@@ -14,6 +14,7 @@ from tuning.campaign.model import (
     SEEN,
     Model,
     event_error,
+    event_times,
     figure,
     large,
     linear,
@@ -92,7 +93,7 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
     held = seen is not None or (not lanes.touchdown.any() and bool((figure(lanes, "pole_radius") < 1).all()))
     values = linear(model, responses or model.responses, gains, apart, DRAWS)
     turn = np.arange(DRAWS) % RIGS  # the rig on which the large signals of a draw are simulated
-    values |= large(model, lanes, turn, seen)
+    values |= large(model, lanes, turn, seen, times=event_times(model, gains, turn))
     by, terms = missed_by(model, values), terms_of(model, values)
     scores = scored(model, terms)
     quantities = {"score": scores, **values}

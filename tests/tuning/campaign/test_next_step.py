@@ -242,6 +242,22 @@ def test_it_goes_on_where_a_missed_requirement_may_well_be_met():
     assert not worth(0.30, 0.73, 0.20) and not worth(None, 0.73, None)
 
 
+def test_far_from_a_limit_it_goes_on_by_factors():
+    """Seen on two balls of another simulator: gains that miss three limits score 0.001, one step reaches 0.005 at most,
+    and tuning stopped after its first recording."""
+    advice = next_step(RIG, [gain_set(RIG)], goal=UNMET, budget=1)
+
+    def worth(known, expected, spread):
+        own = replace(advice.claimed[0], met=0.0, expected=known, spread=0.1 * known, reason=None)
+        better = replace(own, gains=with_gains(PRESET, kp=9000.0), expected=expected, spread=spread)
+        model = SimpleNamespace(point=lambda g: np.array([g.kp / 1e4]))
+        return module._worth(replace(advice, claimed=(own,)), model, 0, better)
+
+    assert worth(0.001, 0.005, 0.001) and not worth(0.001, 0.0012, 0.0001)
+    assert not worth(0.001, 0.005, 0.02)  # within what is not known
+    assert not worth(0.5, 0.505, 0.001) and worth(0.5, 0.52, 0.001)
+
+
 def test_it_goes_less_of_the_way_where_the_whole_is_not_sure(monkeypatch):
     """Seen on a drawn platform: of 12 rigs that the recordings allowed, 4 touched down at the search's best gains after
     an impulse, and tuning stopped at a compliance of 38 um/N; a step of 0.85 of the way has 23, on all of them."""
