@@ -248,7 +248,7 @@ def test_far_from_a_limit_it_goes_on_by_factors():
     advice = next_step(RIG, [gain_set(RIG)], goal=UNMET, budget=1)
 
     def worth(known, expected, spread):
-        own = replace(advice.claimed[0], met=0.0, expected=known, spread=0.1 * known, reason=None)
+        own = replace(advice.claimed[0], met=0.0, expected=known, spread=min(0.1 * known, 0.002), reason=None)
         better = replace(own, gains=with_gains(PRESET, kp=9000.0), expected=expected, spread=spread)
         model = SimpleNamespace(point=lambda g: np.array([g.kp / 1e4]))
         return module._worth(replace(advice, claimed=(own,)), model, 0, better)
