@@ -1,7 +1,7 @@
 """Responses of the loop at any gains: a fitted rig, and what the recordings differ from it, carried along as draws."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -9,13 +9,14 @@ import scipy
 from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
-from tuning.campaign.differences import MODEL_ERROR, agreed, circular, differences, places, smooth
+from tuning.campaign.differences import SMOOTH_ERROR, SMOOTH_LENGTH, agreed, circular, differences, places, smooth
 from tuning.campaign.gain_set import GainSet, Response
-from tuning.campaign.rig_fit import IdentifiedRig, open_responses, opened
+from tuning.campaign.rig_fit import IdentifiedRig, lags, open_responses, opened
 
 DRAWS = 64  # the first is the best estimate
 ELSEWHERE = 0.01  # relative standard deviation by which the plant may change where the controller doubles
 ELSEWHERE_LENGTH = 1.0  # of ln f, over which that change is one
+SQUARE = 0.5  # relative error of a response of a single magnet, over the share of its bias that the current is, rms
 UNEVEN, FINER = 3e-3, 5  # relative error of a curve through the lines beyond which points go between, and how often
 BELOW = (0.125, 0.25, 0.5)  # of the lowest line: what the loop does below it follows from the rig and that line
 
@@ -68,6 +69,44 @@ class Carried:
         return np.exp(2j * np.pi * frequency / self.rate)
 
 
+def louder(old: Gains, new: Gains, rate: float) -> float:
+    """ln of the largest factor between two controllers' responses, at any frequency."""
+    z = np.exp(2j * np.pi * np.geomspace(1e-5, 0.4, 60))
+    one, other = (controller_response(g, z, 1 / rate) for g in (old, new))
+    return float(np.abs(np.log(np.abs(other / one))).max())
+
+
+def beside(own: GainSet, sets: Sequence[GainSet], rate: float) -> list[GainSet]:
+    """A gain set and the others, which tell of its loop less: by what a plant may change from gains to gains."""
+    return [
+        own,
+        *(_doubted(s, ELSEWHERE * (1 + louder(own.gains, s.gains, rate) / np.log(2))) for s in sets if s is not own),
+    ]
+
+
+def _doubted(s: GainSet, error: float) -> GainSet:
+    """A gain set whose responses have a further relative error."""
+    return replace(
+        s,
+        **{
+            name: Response(c.frequency, c.value, c.variance + (error * np.abs(c.value)) ** 2)
+            for name in ("plant", "receptance")
+            if (c := getattr(s, name)) is not None
+        },
+    )
+
+
+def distortion(rig: Rig, sets: Sequence[GainSet]) -> float:
+    """Relative standard deviation by which the bent force of a single magnet moves what lines show.
+
+    What the square of current and distance adds at the lines is the same in every period, so no scatter shows it. In a
+    pair of magnets the squares cancel.
+    """
+    if "pair" in rig.capabilities or not rig.bias_current:
+        return 0.0
+    return SQUARE * max((s.current_rms for s in sets if s.current_rms > 0), default=0.0) / rig.bias_current
+
+
 def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp: np.ndarray | None = None) -> Carried:
     """Draws from what a fitted rig and the recordings of some gain sets say together.
 
@@ -88,22 +127,23 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp
     wanted = np.unique(np.round(np.concatenate([injected, forced, *(s.receptance.frequency for s in shaken)]), 9))
     every = np.unique(np.concatenate([wanted, np.round(plant.frequency, 9)])) if plant else wanted
     thetas = np.vstack([identified.theta, identified.drawn(DRAWS - 1, rng)])
+    lag = lags(identified.rig())
     models = [open_responses(identified.rig(theta), every) for theta in thetas]
     p, g = (np.array([m[k] for m in models]) for k in range(2))
     at = places(every, wanted)
     g = g[:, at]
     per_force = p[:, at] / g  # from command to force: smooth, whatever the rotor and its support do
-    more, found = differences(plant, p, every, wanted, rng, sharp) if plant else (0.0, np.empty(0))
+    more, found = differences(plant, p, every, wanted, lag, rng, sharp) if plant else (0.0, np.empty(0))
     if plant:  # below the lowest line the plant hardly changes, and differs from the model as it does there
         under = wanted < lowest
-        own = MODEL_ERROR * rng.standard_normal((DRAWS, 1))
+        own = SMOOTH_ERROR * rng.standard_normal((DRAWS, 1))
         own[0] = 0.0
         more[:, under] = more[:, [places(wanted, lowest)]].real + own
     p = p[:, at] * (1 + more)
     z = np.exp(2j * np.pi * wanted / rate)
     if shaken:
         loops = [controller_response(s.gains, z, 1 / rate) for s in shaken]
-        more, seen = differences(agreed(opened(shaken, loops, p[0], wanted)), g, wanted, wanted, rng, sharp)
+        more, seen = differences(agreed(opened(shaken, loops, p[0], wanted)), g, wanted, wanted, lag, rng, sharp)
         g = g * (1 + more)
         # A draw whose plant is another one opens the measured receptance by another loop.
         mean = np.mean(loops, axis=0)
@@ -112,6 +152,9 @@ def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp
             at, value = _shaken_plant(shaken, loops, wanted, seen, per_force, rng)
             p[:, at], g[:, at] = value, value / per_force[:, at]
             injected, found = np.union1d(injected, seen), np.union1d(found, seen)
+    bent = distortion(rig, sets) * smooth(wanted, DRAWS, SMOOTH_LENGTH, rng)
+    bent[0] = 0.0
+    p, g = p * (1 + bent), g * (1 + bent)
     change = ELSEWHERE * smooth(wanted, DRAWS, ELSEWHERE_LENGTH, rng)
     change[0] = 0.0
     i, f = places(wanted, injected), places(wanted, forced)

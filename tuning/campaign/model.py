@@ -11,11 +11,11 @@ from maglev_env.evaluation.goal_score import goal_score, goal_terms, misses
 from maglev_env.evaluation.requirements import EVENT_NAMES, followed_events, time_to_rest
 from maglev_env.evaluation.score import score, terms
 from maglev_env.kernel.blocks import own_lanes
-from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.loop.gains import Gains
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
-from tuning.campaign.carried import DRAWS, Carried
+from tuning.campaign.carried import DRAWS, Carried, louder
 from tuning.campaign.gain_set import GainSet
 from tuning.campaign.rig_fit import MASS, IdentifiedRig
 from tuning.study.study import experiments
@@ -67,13 +67,6 @@ class Model:
     def apart(self, gains: Gains) -> float:
         """log2 of the largest factor between the controller's response and the nearest recorded one."""
         return min(louder(s.gains, gains, self.task.rig.control_rate) for s in self.recorded) / np.log(2)
-
-
-def louder(old: Gains, new: Gains, rate: float) -> float:
-    """ln of the largest factor between two controllers' responses, at any frequency."""
-    z = np.exp(2j * np.pi * np.geomspace(1e-5, 0.4, 60))
-    one, other = (controller_response(g, z, 1 / rate) for g in (old, new))
-    return float(np.abs(np.log(np.abs(other / one))).max())
 
 
 def model_of(

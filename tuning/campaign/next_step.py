@@ -12,7 +12,7 @@ from maglev_env.task.gain_box import TUNED, gain_box
 from maglev_env.task.task import Task, make_task
 from tuning.campaign.advice import Advice, stopped
 from tuning.campaign.candidates import predict
-from tuning.campaign.carried import carried
+from tuning.campaign.carried import beside, carried
 from tuning.campaign.disagreement import Disagreement
 from tuning.campaign.gain_set import GainSet, shown
 from tuning.campaign.model import Model, event_current, model_of
@@ -85,7 +85,9 @@ def next_step(
     responses = carried(identified, told, seed)
     model = model_of(task, corners, identified, responses, told, seed)
     seen = tuple(s and shown(s, task.rig.target.band, task.rig.mass, seed) for s in held)
-    claimed = tuple(s and predict(model, s.gains, carried(identified, [s], seed, responses.sharp), s) for s in held)
+    rate = task.rig.control_rate
+    own = [s and carried(identified, beside(s, told, rate), seed, responses.sharp) for s in held]
+    claimed = tuple(s and predict(model, s.gains, r, s) for s, r in zip(held, own, strict=True))
     if responses.sharp.size:
         notes = (*notes, _sharp_in_words(responses.sharp))
     advice = Advice(task, tuple(sets), seen, claimed, identified, diagnosis=found, notes=notes)

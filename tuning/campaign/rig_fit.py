@@ -14,11 +14,19 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import WIDE, log_spread, wide_factors
-from tuning.campaign.differences import MODEL_ERROR, agreed, binned, covariance, differences, likely, places
+from tuning.campaign.differences import (
+    agreed,
+    binned,
+    covariance,
+    differences,
+    likely,
+    places,
+)
 from tuning.campaign.gain_set import GainSet, Response
 from tuning.search.corrected.parameters import DELAY_SPREAD, FACTORS, LAGS, fitted_rig, most_lag, seen_in_loop
 
 EFFECT_SPREAD = 0.5  # prior standard deviation of ln of a parameter of an effect that the diagnosis has named
+MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
 LEAST_LAG = 1e-4  # control samples; a shorter lag is none
 STEP = 1e-3  # of a finite difference, ln of a factor or control samples
 MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
@@ -171,10 +179,11 @@ def _posterior(
     plant = agreed([s.plant for s in sets if s.plant])
     shaken = [s for s in sets if s.receptance]
     wanted = np.unique(np.round(np.concatenate([c.frequency for s in sets for c in (s.plant, s.receptance) if c]), 9))
-    models = open_responses(fitted_rig(rig, names, theta), wanted)
+    first = fitted_rig(rig, names, theta)
+    models, lag = open_responses(first, wanted), lags(first)
     curves = [] if plant is None else [(0, plant)]
     if shaken:
-        moved = models[0] * (1 + _expected_difference(plant, models[0], wanted)) if plant else models[0]
+        moved = models[0] * (1 + _expected_difference(plant, models[0], wanted, lag)) if plant else models[0]
         z = np.exp(2j * np.pi * wanted / rig.control_rate)
         loops = [controller_response(s.gains, z, 1 / rig.control_rate) for s in shaken]
         curves.append((1, agreed(opened(shaken, loops, moved, wanted))))
@@ -183,8 +192,8 @@ def _posterior(
         at = places(wanted, measured.frequency)
         noise = measured.variance / np.abs(models[kind][at]) ** 2
         ratio, variance, place = binned((measured.value / models[kind][at])[None], noise, measured.frequency)
-        kinds, weights = likely(ratio[0] - 1, variance, place)
-        whole = covariance((place[:, None] - place) ** 2, kinds[int(weights.argmax())]) + np.diag(variance)
+        kinds, weights = likely(ratio[0] - 1, variance, place, lag)
+        whole = covariance(place, kinds[int(weights.argmax())], lag) + np.diag(variance)
         parts.append((kind, at, measured.frequency, noise, ratio[0], np.linalg.cholesky(whole / 2)))
 
     def residuals(tried: np.ndarray) -> np.ndarray:
@@ -209,9 +218,15 @@ def _without_traces(theta: np.ndarray, names: Sequence[str]) -> np.ndarray:
     return np.where(np.isin(names, list(LAGS)) & (theta < LEAST_LAG), 0.0, theta)
 
 
-def _expected_difference(plant: Response, model: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def _expected_difference(plant: Response, model: np.ndarray, wanted: np.ndarray, lag: float) -> np.ndarray:
     """Likeliest relative difference (w,) of the plant from a model (w,)."""
-    return differences(plant, model[None], wanted, wanted, np.random.default_rng(0))[0][0]
+    return differences(plant, model[None], wanted, wanted, lag, np.random.default_rng(0))[0][0]
+
+
+def lags(rig: Rig) -> float:
+    """Sum of a rig's lags, s."""
+    own = rig.amplifier_time_constant + rig.sensor_time_constant
+    return own + sum(effect_value(rig.effects, name) for name in LAGS)
 
 
 def open_responses(rig: Rig, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,8 +7,9 @@ import numpy as np
 from maglev_env.loop.gains import Gains
 from tuning.campaign.advice import Advice, ranked, stopped
 from tuning.campaign.candidates import Prediction, predict, search_scores
+from tuning.campaign.carried import louder
 from tuning.campaign.disagreement import diagnosing
-from tuning.campaign.model import Model, louder
+from tuning.campaign.model import Model
 from tuning.campaign.search import TRIED, nearby, optimum, peak_bounds
 from tuning.study.recommendation import PEAK_SENSITIVITY
 

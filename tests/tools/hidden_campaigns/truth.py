@@ -7,21 +7,30 @@ import scipy
 from draws import stiffness_of
 from rigs import sent, waves
 
+DRIVES = 6  # of random phases, whose mean is the response
 
-def margins(hidden, gains, force, injection):
+
+def margins(hidden, gains, force, injection, lines):
     """Margins at the amplitude of a recording whose force and injection (n,) are given, at every half line.
 
-    The force is as recorded; the injection is as strong, but on the odd lines of twice the period, so that nothing
-    falls between its lines.
+    The force is as recorded; the injection is as strong at every frequency, but on the odd lines of twice the period,
+    so that nothing falls between its lines. The mean of several such drives: what distortion adds to a line is another
+    thing in each, and the largest of many lines would be the one that it raised most.
     """
     n = 2 * force.size
     at = np.arange(1, min(round(0.84 * force.size), 4400), 2)
-    phase = np.zeros(n // 2 + 1)
-    phase[at] = np.random.default_rng(0).uniform(0, 2 * np.pi, at.size)
-    wave = np.fft.irfft(np.bincount(at, minlength=n // 2 + 1) * np.exp(1j * phase))
-    wave *= injection.std() / wave.std()
-    rows, _ = sent(hidden, gains, np.tile(force, 6), np.tile(wave, 3))
-    loop = np.fft.rfft(wave)[at] / np.fft.rfft(rows[1][-n:])[at] - 1
+    # Power per Hz as that of equal lines, which stand nearer or farther from each other.
+    size = np.zeros(n // 2 + 1)
+    size[at] = np.interp(at / 2, lines, 1 / np.sqrt(np.gradient(lines.astype(float))))
+    rng, ratio = np.random.default_rng(0), np.zeros(at.size, complex)
+    for _ in range(DRIVES):
+        phase = np.zeros(n // 2 + 1)
+        phase[at] = rng.uniform(0, 2 * np.pi, at.size)
+        wave = np.fft.irfft(size * np.exp(1j * phase))
+        wave *= injection.std() / wave.std()
+        rows, _ = sent(hidden, gains, np.tile(force, 6), np.tile(wave, 3))
+        ratio += np.fft.rfft(rows[1][-n:])[at] / np.fft.rfft(wave)[at] / DRIVES
+    loop = 1 / ratio - 1
     # Straight between the half lines, sixteen points to each; below them the plant hardly changes.
     fine = np.arange(16 * (at.size - 1) + 1) / 16
     loop = np.interp(fine, np.arange(at.size), loop.real) + 1j * np.interp(fine, np.arange(at.size), loop.imag)
@@ -55,7 +64,7 @@ def truth(hidden, gains, block, goal, rng):
     rows, _ = sent(hidden, gains, np.tile(force, 4), np.tile(injection, 4))
     driven = np.fft.rfft(rows[3][-n:])
     hold = np.sinc(push / n)  # the force is held for a tick
-    found = margins(hidden, gains, force, injection)
+    found = margins(hidden, gains, force, injection, lines["current"])
     found["compliance"] = float(np.abs(driven[push] / np.fft.rfft(force)[push] / hold).max())
     still = np.zeros(round(2.0 / hidden.dt))
     hidden = replace(hidden, noise=(hidden.noise[0], 0.0, 0.0))  # of the current itself, not of its meter
