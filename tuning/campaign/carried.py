@@ -16,7 +16,9 @@ from tuning.campaign.rig_fit import IdentifiedRig, lags, open_responses, opened
 DRAWS = 64  # the first is the best estimate
 ELSEWHERE = 0.01  # relative standard deviation by which the plant may change where the controller doubles
 ELSEWHERE_LENGTH = 1.0  # of ln f, over which that change is one
-SQUARE = 0.5  # relative error of a response of a single magnet, over the share of its bias that the current is, rms
+# Relative error of responses by the bend of the force: of any magnet, and of a single one over the share of its bias
+# that the current is, rms.
+BENT, SQUARE = 0.003, 0.5
 UNEVEN, FINER = 3e-3, 5  # relative error of a curve through the lines beyond which points go between, and how often
 BELOW = (0.125, 0.25, 0.5)  # of the lowest line: what the loop does below it follows from the rig and that line
 
@@ -97,14 +99,14 @@ def _doubted(s: GainSet, error: float) -> GainSet:
 
 
 def distortion(rig: Rig, sets: Sequence[GainSet]) -> float:
-    """Relative standard deviation by which the bent force of a single magnet moves what lines show.
+    """Relative standard deviation by which a force that is not its tangent moves what lines show.
 
-    What the square of current and distance adds at the lines is the same in every period, so no scatter shows it. In a
-    pair of magnets the squares cancel.
+    What it adds at the lines is the same in every period, so no scatter shows it. It rises with the square of current
+    and distance; in a pair of magnets the squares cancel.
     """
     if "pair" in rig.capabilities or not rig.bias_current:
-        return 0.0
-    return SQUARE * max((s.current_rms for s in sets if s.current_rms > 0), default=0.0) / rig.bias_current
+        return BENT
+    return BENT + SQUARE * max((s.current_rms for s in sets if s.current_rms > 0), default=0.0) / rig.bias_current
 
 
 def carried(identified: IdentifiedRig, sets: Sequence[GainSet], seed: int, sharp: np.ndarray | None = None) -> Carried:

@@ -13,7 +13,7 @@ from tuning.campaign.gain_set import Response
 # are not alike: poles of 0.02 and 0.11 ms, and one of 0.12 ms, differ by 2 % at 650 Hz, so errors rise by FORM times
 # the square of frequency times sum.
 DEVIATIONS, LENGTHS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.03, 0.1, 0.3, 1.0)
-SMOOTH_ERROR, SMOOTH_LENGTH, FORM, MOST_ERROR = 0.015, 0.7, 0.02, 0.2
+SMOOTH_ERROR, SMOOTH_LENGTH, FORM, MOST_ERROR = 0.015, 0.7, 0.03, 0.2
 LEAST = 0.02  # probability below which a standard deviation and length are left out
 MOST_LINES = 200  # more are averaged in bins of the logarithm of the frequency
 CHANCE = 1e-4  # that noise alone moves any line so far from the smooth difference that its measurement stands instead

@@ -29,7 +29,7 @@ SEEN = {"peak_displacement": 0.02, "current_rms": 0.005, "noise_current": 0.03}
 EVENT_ERROR, LIFT_OFF_ERROR = 0.05, 0.15
 # Standard deviation of ln of the band in which a rotor is at rest: a tail of the motion that is larger or smaller than
 # that of the fitted rig leaves the band one swing later or earlier.
-BAND_ERROR = {"step": 0.15, "lift_off": 0.3}
+BAND_ERROR = {"step": 0.15, "lift_off": 0.5}
 
 
 @dataclass(frozen=True, eq=False)

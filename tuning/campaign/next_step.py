@@ -65,21 +65,23 @@ def next_step(
     if identified.contradicted and diagnosis:
         found = diagnosis()
         identified = _explained(task, told, identified, found)
-    if identified.contradicted:
-        notes = (
-            f"the recordings contradict the rig's model: they miss it by {np.sqrt(identified.misfit):.0f} times what "
-            "noise and 1 % of model error explain; gains are judged by the measured responses, and large signals "
-            "(events, noise) by the nearest model"
-            + (f". {found.sentence}" if found else "; `maglev diagnose` on this campaign says where and why"),
-            *notes,
-        )
-    if identified.other_mass and not identified.contradicted:
+    if identified.other_mass and (found is None or not identified.contradicted):
         notes = (
             f"the recordings look like those of another mass than the stated {task.rig.mass:.4g} kg, by more than its "
             "tolerance and that of the probe: weigh the rotor, and check the scales of force and displacement; gains "
             "are judged by the stated mass",
             *notes,
         )
+    if identified.contradicted:
+        notes = (
+            f"the recordings contradict the rig's model: they miss it by {np.sqrt(identified.misfit):.2g} times what "
+            "noise and 1 % of model error explain; gains are judged by the measured responses, and large signals "
+            "(events, noise) by the nearest model"
+            + (f". {found.sentence}" if found else "; `maglev diagnose` on this campaign says where and why"),
+            *notes,
+        )
+    elif found and found.rig:
+        notes = (f"{found.sentence} It is part of the rig by which gains are judged", *notes)
     if task.layout.goal and task.layout.goal.rigs:
         notes = (f"worst of {task.layout.goal.rigs} rigs: judged on what the recordings leave of this one rig", *notes)
     responses = carried(identified, told, seed)

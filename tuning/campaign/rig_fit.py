@@ -45,6 +45,7 @@ class IdentifiedRig:
         names: Names (p,) of the fitted parameters, LAGS last.
         theta: Values (p,): ln of parameter over nominal, and of LAGS the control samples.
         covariance: Covariance (p, p) of noise and of smooth differences between any linear model and the rig.
+        heavier: ln of the mass over the nominal one that the recordings look like, at most STATED standard deviations.
         misfit: Mean squared residual over what noise and MODEL_ERROR explain; about 1 or less where the model holds.
     """
 
@@ -52,6 +53,7 @@ class IdentifiedRig:
     names: tuple[str, ...]
     theta: np.ndarray
     covariance: np.ndarray
+    heavier: float
     misfit: float
 
     @property
@@ -61,8 +63,7 @@ class IdentifiedRig:
     @property
     def other_mass(self) -> bool:
         """Whether the recordings look like another mass than the stated one."""
-        at = dict(zip(self.names, self.theta, strict=True)).get("mass", 0.0)
-        return abs(at) > 0.99 * STATED * stated_mass(self.nominal)
+        return abs(self.heavier) > 0.99 * STATED * stated_mass(self.nominal)
 
     def rig(self, theta: np.ndarray | None = None) -> Rig:
         """The rig at parameters theta (p,), by default the best; it has LAGS as effects."""
@@ -152,7 +153,8 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     data = found.fun[: -len(names)]
     misfit = float(data @ data / max(data.size - len(names), 1))
     theta, spread = _posterior(rig, names, found.x, (centre, prior), (least, most), sets)
-    return IdentifiedRig(rig, names, theta, spread, misfit)
+    heavier = float(found.x[names.index("mass")]) if "mass" in names else 0.0
+    return IdentifiedRig(rig, names, theta, spread, heavier, misfit)
 
 
 def _posterior(

@@ -75,7 +75,20 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
         )
     bound = f"; farther on, {limited}" if limited else ""
     words = f"no gains that may be tried promise more than an experiment can tell over the best recorded ones{bound}"
+    words += _out_of_reach(advice, model, best, goal)
     return stopped(advice, words, share=share, limited=limited)
+
+
+def _out_of_reach(advice: Advice, model: Model, best: int, goal: np.ndarray) -> str:
+    """What is to be said where the best recorded gains miss a requirement, and so do the best of the ranges (k,)."""
+    if not advice.claimed[best].missed or not (missed := predict(model, model.gains(goal)).missed):
+        return ""
+    names = model.task.box.names
+    ends = [n for n, v, low, high in zip(names, goal, *model.corners, strict=True) if min(v - low, high - v) < SAME]
+    where = (
+        f", with {' and '.join(ends)} at the end of its range: [bounds] of the rig may be too narrow" if ends else ""
+    )
+    return f"; the best gains that a search on the fitted rig finds miss {', '.join(missed)}, too{where}"
 
 
 def _climb(advice: Advice, best: int, prediction: Prediction, share: float, limited: str | None) -> Advice:
