@@ -11,7 +11,8 @@ from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
 from tuning.campaign.differences import SMOOTH_ERROR, SMOOTH_LENGTH, agreed, circular, differences, places, smooth
 from tuning.campaign.gain_set import GainSet, Response
-from tuning.campaign.rig_fit import IdentifiedRig, lags, open_responses, opened
+from tuning.campaign.opened import lags, open_responses, opened
+from tuning.campaign.rig_fit import IdentifiedRig
 
 DRAWS = 64  # the first is the best estimate
 ELSEWHERE = 0.01  # relative standard deviation by which the plant may change where the controller doubles

@@ -14,21 +14,14 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import WIDE, log_spread, wide_factors
-from tuning.campaign.differences import (
-    agreed,
-    binned,
-    covariance,
-    differences,
-    likely,
-    places,
-)
-from tuning.campaign.gain_set import GainSet, Response
+from tuning.campaign.gain_set import GainSet
+from tuning.campaign.opened import open_responses
+from tuning.campaign.posterior import STEP, posterior
 from tuning.search.corrected.parameters import DELAY_SPREAD, FACTORS, LAGS, fitted_rig, most_lag, seen_in_loop
 
 EFFECT_SPREAD = 0.5  # prior standard deviation of ln of a parameter of an effect that the diagnosis has named
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
 LEAST_LAG = 1e-4  # control samples; a shorter lag is none
-STEP = 1e-3  # of a finite difference, ln of a factor or control samples
 MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
 STATED = 3.0  # standard deviations by which the mass may differ from the stated one
 # Misfit above which the model is wrong. Noise and MODEL_ERROR at every line leave 0.5 to 1; a friction of 0.5 % of the
@@ -152,102 +145,14 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     found = scipy.optimize.least_squares(residuals, start, jacobian, bounds=(least, most), x_scale=prior, max_nfev=40)
     data = found.fun[: -len(names)]
     misfit = float(data @ data / max(data.size - len(names), 1))
-    theta, spread = _posterior(rig, names, found.x, (centre, prior), (least, most), sets)
+    theta, spread = posterior(rig, names, found.x, (centre, prior), (least, most), sets)
     heavier = float(found.x[names.index("mass")]) if "mass" in names else 0.0
-    return IdentifiedRig(rig, names, theta, spread, heavier, misfit)
-
-
-def _posterior(
-    rig: Rig,
-    names: Sequence[str],
-    theta: np.ndarray,
-    expected: tuple[np.ndarray, np.ndarray],
-    bounds: tuple[np.ndarray, np.ndarray],
-    sets: Sequence[GainSet],
-) -> tuple[np.ndarray, np.ndarray]:
-    """The likeliest parameters (p,) and their covariance (p, p), where differences are smooth and not independent.
-
-    A model that is 1 % off at one line is 1 % off at its neighbours, too, so many lines do not average that out. Plant
-    and free receptance of all sets are compared with the model under noise and the covariance of `differences`.
-
-    Args:
-        rig: The nominal rig.
-        names: Of the parameters.
-        theta: From a fit under independent differences, (p,).
-        expected: Centre and standard deviation of the priors, (p,) each.
-        bounds: Least and largest values, (p,) each.
-        sets: What was recorded.
-    """
-    plant = agreed([s.plant for s in sets if s.plant])
-    shaken = [s for s in sets if s.receptance]
-    wanted = np.unique(np.round(np.concatenate([c.frequency for s in sets for c in (s.plant, s.receptance) if c]), 9))
-    first = fitted_rig(rig, names, theta)
-    models, lag = open_responses(first, wanted), lags(first)
-    curves = [] if plant is None else [(0, plant)]
-    if shaken:
-        moved = models[0] * (1 + _expected_difference(plant, models[0], wanted, lag)) if plant else models[0]
-        z = np.exp(2j * np.pi * wanted / rig.control_rate)
-        loops = [controller_response(s.gains, z, 1 / rig.control_rate) for s in shaken]
-        curves.append((1, agreed(opened(shaken, loops, moved, wanted))))
-    parts = []
-    for kind, measured in curves:
-        at = places(wanted, measured.frequency)
-        noise = measured.variance / np.abs(models[kind][at]) ** 2
-        ratio, variance, place = binned((measured.value / models[kind][at])[None], noise, measured.frequency)
-        kinds, weights = likely(ratio[0] - 1, variance, place, lag)
-        whole = covariance(place, kinds[int(weights.argmax())], lag) + np.diag(variance)
-        parts.append((kind, at, measured.frequency, noise, ratio[0], np.linalg.cholesky(whole / 2)))
-
-    def residuals(tried: np.ndarray) -> np.ndarray:
-        now, found = open_responses(fitted_rig(rig, names, tried), wanted), []
-        for kind, at, frequency, noise, ratio, root in parts:
-            own = binned((now[kind][at] / models[kind][at])[None], noise, frequency)[0][0]
-            left = scipy.linalg.solve_triangular(root, ratio - own, lower=True)
-            found += [left.real, left.imag]
-        return np.concatenate([*found, (tried - expected[0]) / expected[1]])
-
-    def jacobian(tried: np.ndarray) -> np.ndarray:
-        at = residuals(tried)
-        return np.stack([(residuals(tried + step) - at) / STEP for step in STEP * np.eye(tried.size)], axis=1)
-
-    inside = np.clip(theta, bounds[0] + 1e-9, bounds[1] - 1e-9)
-    found = scipy.optimize.least_squares(residuals, inside, jacobian, bounds=bounds, x_scale=expected[1], max_nfev=20)
-    return _without_traces(found.x, names), np.linalg.inv(found.jac.T @ found.jac)
+    return IdentifiedRig(rig, names, _without_traces(theta, names), spread, heavier, misfit)
 
 
 def _without_traces(theta: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """Parameters (..., p) whose lags are none where they are hardly any: a pole that fast is lost in rounding."""
     return np.where(np.isin(names, list(LAGS)) & (theta < LEAST_LAG), 0.0, theta)
-
-
-def _expected_difference(plant: Response, model: np.ndarray, wanted: np.ndarray, lag: float) -> np.ndarray:
-    """Likeliest relative difference (w,) of the plant from a model (w,)."""
-    return differences(plant, model[None], wanted, wanted, lag, np.random.default_rng(0))[0][0]
-
-
-def lags(rig: Rig) -> float:
-    """Sum of a rig's lags, s."""
-    own = rig.amplifier_time_constant + rig.sensor_time_constant
-    return own + sum(effect_value(rig.effects, name) for name in LAGS)
-
-
-def open_responses(rig: Rig, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Plant and free receptance of a rig's linear model; the hold of the force is removed, as of measured ones."""
-    loop = loop_response(Experiment(rig, rig.gains, ()), frequency)
-    x = frequency / rig.control_rate
-    return loop.plant, loop.receptance / loop.sensitivity / (np.sinc(x) * np.exp(-1j * np.pi * x))
-
-
-def opened(
-    shaken: Sequence[GainSet], loops: Sequence[np.ndarray], plant: np.ndarray, wanted: np.ndarray
-) -> list[Response]:
-    """Receptances with their loops opened: by controllers and the plant, (w,) each, at frequencies wanted (w,)."""
-    parts = []
-    for s, c in zip(shaken, loops, strict=True):
-        at = places(wanted, s.receptance.frequency)
-        opening = 1 + c[at] * plant[at]
-        parts.append(Response(wanted[at], s.receptance.value * opening, s.receptance.variance * np.abs(opening) ** 2))
-    return parts
 
 
 def _bounds(rig: Rig, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
