@@ -27,6 +27,7 @@ SEEN = {"peak_displacement": 0.02, "current_rms": 0.005, "noise_current": 0.03}
 # Relative standard deviation of what an event of the fitted rig shows from that of the true one; lift-off begins where
 # no recording has been, at a share of the gap where the force law is not known by its tangent.
 EVENT_ERROR, LIFT_OFF_ERROR = 0.05, 0.15
+CURVED = 0.2  # that of a displacement in an event, over its share of the clearance: law and probe are known near rest
 # Standard deviation of ln of the band in which a rotor is at rest: a tail of the motion that is larger or smaller than
 # that of the fitted rig leaves the band one swing later or earlier.
 BAND_ERROR = {"step": 0.15, "lift_off": 0.5}
@@ -149,7 +150,7 @@ def large(
     own = measured(seen) if seen else {}
     found, rng = {}, np.random.default_rng(141421)
 
-    def scattered(values: np.ndarray, error: float) -> np.ndarray:
+    def scattered(values: np.ndarray, error: float | np.ndarray) -> np.ndarray:
         if alone:
             return values
         normal = rng.standard_normal(turn.size)
@@ -167,7 +168,10 @@ def large(
         if one.quantity.event not in (None, "hover"):
             shown = (times or {}).get(one.name)
             shown = figure(lanes, one.name, np.inf)[turn] if shown is None else shown
-            found[one.name] = scattered(shown, event_error(one.name))
+            error = event_error(one.name)
+            if one.quantity.event == "impulse":
+                error = np.hypot(error, CURVED * np.minimum(shown / model.task.rig.clearance, 1.0))
+            found[one.name] = scattered(shown, error)
     return found
 
 
