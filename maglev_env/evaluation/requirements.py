@@ -15,7 +15,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.blocks import Block
 from maglev_env.kernel.events import Event, simulated_events
-from maglev_env.rig.goal import QUANTITIES, Goal, Requirement
+from maglev_env.rig.goal import QUANTITIES, EventKind, Goal, Requirement
 
 # The band in which a rotor has come to rest: a share of the peak, of the clearance, and times the rms of hovering,
 # whichever is widest. What is less than a hundredth of the clearance matters to nobody.
@@ -26,6 +26,11 @@ FOLLOWED, LEAST_FOLLOWED = 3.0, 1.5  # a time is followed for so many times its 
 # Shares of the identification experiment's duration: hovering, an impulse, and at most each of the two times.
 HOVER, IMPULSE, TIMED = 0.03, 0.03, 0.09
 WARMING = 0.2  # share of the hovering that is left out, in which the noise builds up
+EVENT_NAMES: Mapping[EventKind, str] = {
+    "impulse": "impulse_displacement",
+    "step": "recovery_time",
+    "lift_off": "lift_off_time",
+}
 LOOP = ("peak_sensitivity", "phase_margin", "gain_margin", "disk_margin")  # of the loop gain
 AMPLE = 2.0  # loop gain at the lowest line, from which on what lies below it has ample margins
 ALWAYS = ("compliance", "noise_current")  # whatever the goal is: the two conflict in every loop
@@ -77,10 +82,30 @@ def events_of(goal: Goal, first: Experiment) -> tuple[int, list[Event]]:
     return int(HOVER * whole), events
 
 
-def large_signal_test(
-    goal: Goal, experiments: Sequence[Experiment], blocks: Sequence[Block]
-) -> list[dict[str, Measured]]:
-    """Quantities of a goal's events, by name, of each axis; blocks: the lanes by `simulate.own_lanes`."""
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """The large-signal test of one axis of n loops.
+
+    Attributes:
+        hovering: Displacement and current, (n, 2, samples).
+        events: Each event with its limit and its displacement and current, (n, 2, samples).
+        dt: Control sample, s.
+        clearance: (n,), m.
+    """
+
+    hovering: np.ndarray
+    events: Sequence[tuple[Event, float, np.ndarray]]
+    dt: float
+    clearance: np.ndarray
+
+    @property
+    def rest(self) -> np.ndarray:
+        """Where the rotor hovers, (n, 1)."""
+        return self.hovering[:, 0].mean(axis=-1, keepdims=True)
+
+
+def followed_events(goal: Goal, experiments: Sequence[Experiment], blocks: Sequence[Block]) -> list[Followed]:
+    """Hovering and a goal's events, simulated, of each axis; blocks: the lanes by `simulate.own_lanes`."""
     hover, events = events_of(goal, experiments[0])
     hovering, *series = simulated_events(blocks, hover, events, threads=1)
     steady = hovering[..., int(WARMING * hover) :]
@@ -88,7 +113,7 @@ def large_signal_test(
     clearance = np.array([e.rig.clearance for e in experiments])
     limits = [requirement.limit for requirement in goal.events.values()]
     return [
-        _of_axis(
+        Followed(
             steady[:, :, axis],
             list(zip(events, limits, [one[:, :, axis] for one in series], strict=True)),
             dt,
@@ -98,11 +123,16 @@ def large_signal_test(
     ]
 
 
-def _of_axis(
-    hovering: np.ndarray, followed: Sequence[tuple[Event, float, np.ndarray]], dt: float, clearance: np.ndarray
-) -> dict[str, Measured]:
-    """Quantities of one axis from hovering (n, 2, samples), and from each event with its limit and series likewise."""
-    rest, current = hovering[:, 0].mean(axis=-1, keepdims=True), hovering[:, 1]
+def large_signal_test(
+    goal: Goal, experiments: Sequence[Experiment], blocks: Sequence[Block]
+) -> list[dict[str, Measured]]:
+    """Quantities of a goal's events, by name, of each axis; blocks: the lanes by `simulate.own_lanes`."""
+    return [_of_axis(one) for one in followed_events(goal, experiments, blocks)]
+
+
+def _of_axis(followed: Followed) -> dict[str, Measured]:
+    """Quantities of one axis."""
+    current = followed.hovering[:, 1]
     usable = current.shape[1] // BLOCKS * BLOCKS
     power = (current - current.mean(axis=1, keepdims=True))[:, :usable] ** 2
     rms = np.sqrt(power.mean(axis=1))
@@ -110,29 +140,42 @@ def _of_axis(
     se = blocks.std(axis=1, ddof=1) / np.sqrt(BLOCKS) / (2 * np.where(rms > 0, rms, 1.0))
     found = {"noise_current": _with_error(rms, se)}
     peaks = [np.abs(current).max(axis=1)]
-    for event, limit, series in followed:
-        y = series[:, 0] - rest
+    for event, limit, series in followed.events:
         peaks.append(np.abs(series[:, 1]).max(axis=1))
         if event.kind == "impulse":
-            found["impulse_displacement"] = _exactly(np.abs(y).max(axis=1))
+            found[EVENT_NAMES[event.kind]] = _exactly(np.abs(series[:, 0] - followed.rest).max(axis=1))
             continue
-        width = max(1, round(MEAN_OVER * limit / dt))
-        noise = scipy.ndimage.uniform_filter1d(hovering[:, 0] - rest, width, axis=-1).std(axis=-1)
-        near = np.maximum(NOISE_BAND * noise, NEAR * clearance)
-        time = settling_time(scipy.ndimage.uniform_filter1d(y, width, axis=-1, mode="nearest"), near, dt)
-        found["recovery_time" if event.kind == "step" else "lift_off_time"] = _exactly(time)
+        found[EVENT_NAMES[event.kind]] = _exactly(time_to_rest(followed, limit, series))
     found["current_peak"] = _exactly(np.max(peaks, axis=0))
     return found
 
 
-def settling_time(y: np.ndarray, least: np.ndarray, dt: float) -> np.ndarray:
+def time_to_rest(followed: Followed, limit: float, series: np.ndarray, wider: float = 1.0) -> np.ndarray:
+    """Time (n,) after which the rotor has come to rest in an event (n, 2, samples) with a limit, s.
+
+    Args:
+        followed: The test.
+        limit: Of the time, s.
+        series: Displacement and current of the event.
+        wider: Factor on the band in which it is at rest.
+    """
+    width = max(1, round(MEAN_OVER * limit / followed.dt))
+    calm = followed.hovering[:, 0] - followed.rest
+    noise = scipy.ndimage.uniform_filter1d(calm, width, axis=-1).std(axis=-1)
+    near = np.maximum(NOISE_BAND * noise, NEAR * followed.clearance)
+    y = scipy.ndimage.uniform_filter1d(series[:, 0] - followed.rest, width, axis=-1, mode="nearest")
+    return settling_time(y, near, followed.dt, wider)
+
+
+def settling_time(y: np.ndarray, least: np.ndarray, dt: float, wider: float = 1.0) -> np.ndarray:
     """Time (n,) from which displacements (n, samples) stay near where they end, s.
 
-    Near is within SETTLED of the largest displacement, and at least `least` (n,); where they end is the mean of the
-    last LAST of the samples. The whole time where they are still outside in there, nan where they are not known.
+    Near is within SETTLED of the largest displacement, and at least `least` (n,), both `wider`; where they end is the
+    mean of the last LAST of the samples. The whole time where they are still outside in there, nan where they are not
+    known.
     """
     end = y[:, -max(1, int(LAST * y.shape[1])) :].mean(axis=1)
-    band = np.maximum(SETTLED * np.abs(y).max(axis=1), least)
+    band = wider * np.maximum(SETTLED * np.abs(y).max(axis=1), least)
     outside = np.abs(y - end[:, None]) > band[:, None]
     last = np.where(outside.any(axis=1), y.shape[1] - outside[:, ::-1].argmax(axis=1), 0)
     settled = np.where(last > (1 - LAST) * y.shape[1], y.shape[1], last) * dt

@@ -14,6 +14,7 @@ from tuning.campaign.model import (
     SEEN,
     Model,
     event_error,
+    event_times,
     figure,
     large,
     linear,
@@ -25,6 +26,7 @@ from tuning.study.recommendation import DISPLACEMENT_SHARE, GAIN_MARGIN, PEAK_SE
 from tuning.study.study import experiments
 
 FEW = 8  # draws of the responses by which a search judges how sure margins are
+SURE = 2.2  # of their standard deviations from the best estimate, for 95 % with so few
 LEVEL = (2.5, 97.5)  # percentiles of a 95 % interval
 NORMAL = scipy.stats.norm.ppf((np.arange(FEW) + 0.5) / FEW)  # FEW errors that are spread as normal ones are
 RESERVE = 0.05  # share by which a margin's bound misses its limit where a search halves the score
@@ -92,7 +94,7 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
     held = seen is not None or (not lanes.touchdown.any() and bool((figure(lanes, "pole_radius") < 1).all()))
     values = linear(model, responses or model.responses, gains, apart, DRAWS)
     turn = np.arange(DRAWS) % RIGS  # the rig on which the large signals of a draw are simulated
-    values |= large(model, lanes, turn, seen)
+    values |= large(model, lanes, turn, seen, times=event_times(model, gains, turn))
     by, terms = missed_by(model, values), terms_of(model, values)
     scores = scored(model, terms)
     quantities = {"score": scores, **values}
@@ -137,14 +139,22 @@ def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
         gains = model.gains(point)
         values = linear(model, model.responses, gains, model.apart(gains), FEW)
         sure = {
-            "peak": np.max(values["peak_sensitivity"]) / limit,
-            "phase": PHASE_MARGIN / np.nanmin(values["phase_margin"], initial=np.inf),
-            "gain": GAIN_MARGIN / np.nanmin(values["gain_margin_high"], initial=np.inf),
+            "peak": _surely(values["peak_sensitivity"], 1.0) / limit,
+            "phase": PHASE_MARGIN / _surely(values["phase_margin"], -1.0),
+            "gain": GAIN_MARGIN / _surely(values["gain_margin_high"], -1.0),
         }
         drawn = values | {k: v[i] * factors[k] for k, v in simulated.items()}
         misses_by = sum(float(np.log(max(1.0, v))) for v in sure.values())
         found[i] = scored(model, terms_of(model, drawn)).mean() / (1 + misses_by / RESERVE)
     return found
+
+
+def _surely(values: np.ndarray, side: float) -> float:
+    """The end of the interval that a few draws, of which the first is the best estimate, stand for; above or below."""
+    if np.isnan(values[0]):  # no crossing within the lines
+        return np.inf
+    apart = np.log(values[1:] / values[0])
+    return float(values[0] * np.exp(side * SURE * np.sqrt(np.nanmean(apart**2))))
 
 
 def _interval(values: np.ndarray) -> Value:

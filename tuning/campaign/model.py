@@ -5,16 +5,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.design.goals import goal_of
 from maglev_env.evaluation.goal_score import goal_score, goal_terms, misses
+from maglev_env.evaluation.requirements import EVENT_NAMES, followed_events, time_to_rest
 from maglev_env.evaluation.score import score, terms
-from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.kernel.blocks import own_lanes
+from maglev_env.loop.gains import Gains
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
-from tuning.campaign.carried import DRAWS, Carried
+from tuning.campaign.carried import DRAWS, Carried, louder
 from tuning.campaign.gain_set import GainSet
 from tuning.campaign.rig_fit import MASS, IdentifiedRig
 from tuning.study.study import experiments
@@ -26,6 +27,10 @@ SEEN = {"peak_displacement": 0.02, "current_rms": 0.005, "noise_current": 0.03}
 # Relative standard deviation of what an event of the fitted rig shows from that of the true one; lift-off begins where
 # no recording has been, at a share of the gap where the force law is not known by its tangent.
 EVENT_ERROR, LIFT_OFF_ERROR = 0.05, 0.15
+CURVED = 0.2  # that of a displacement in an event, over its share of the clearance: law and probe are known near rest
+# Standard deviation of ln of the band in which a rotor is at rest: a tail of the motion that is larger or smaller than
+# that of the fitted rig leaves the band one swing later or earlier.
+BAND_ERROR = {"step": 0.15, "lift_off": 0.5}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +68,6 @@ class Model:
     def apart(self, gains: Gains) -> float:
         """log2 of the largest factor between the controller's response and the nearest recorded one."""
         return min(louder(s.gains, gains, self.task.rig.control_rate) for s in self.recorded) / np.log(2)
-
-
-def louder(old: Gains, new: Gains, rate: float) -> float:
-    """ln of the largest factor between two controllers' responses, at any frequency."""
-    z = np.exp(2j * np.pi * np.geomspace(1e-5, 0.4, 60))
-    one, other = (controller_response(g, z, 1 / rate) for g in (old, new))
-    return float(np.abs(np.log(np.abs(other / one))).max())
 
 
 def model_of(
@@ -123,7 +121,7 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
         "stiffness": k,
         "damping": c,
         **{n: m[n] for n in ("peak_sensitivity", "phase_margin", "gain_margin_high", "disk_margin")},
-        "gain_margin": np.fmin(*gain_factors(responses.injected, s, m)),
+        "gain_margin": np.fmin(m["gain_margin_high"], np.fmin(1 / m["gain_margin_low"], responses.falls(gains, draws))),
     }
     asked = {r.name: r for r in model.goal.measured} if model.goal else {}
     band = asked["compliance"].band if "compliance" in asked else (0.0, np.inf)
@@ -132,7 +130,12 @@ def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: 
 
 
 def large(
-    model: Model, lanes: Trials, turn: np.ndarray, seen: GainSet | None, alone: bool = False
+    model: Model,
+    lanes: Trials,
+    turn: np.ndarray,
+    seen: GainSet | None,
+    alone: bool = False,
+    times: Mapping[str, np.ndarray] | None = None,
 ) -> dict[str, np.ndarray]:
     """What the experiment and the events show of large signals, for each draw that of its lane.
 
@@ -142,11 +145,12 @@ def large(
         turn: Lane of each draw.
         seen: A recording at these gains, which shows some of it itself.
         alone: Then the values are without errors.
+        times: By `event_times`; None: those of the experiments.
     """
     own = measured(seen) if seen else {}
     found, rng = {}, np.random.default_rng(141421)
 
-    def scattered(values: np.ndarray, error: float) -> np.ndarray:
+    def scattered(values: np.ndarray, error: float | np.ndarray) -> np.ndarray:
         if alone:
             return values
         normal = rng.standard_normal(turn.size)
@@ -162,7 +166,29 @@ def large(
     found["displacement"] = found["peak_displacement"] / model.task.rig.clearance
     for one in model.goal.measured if model.goal else ():
         if one.quantity.event not in (None, "hover"):
-            found[one.name] = scattered(figure(lanes, one.name, np.inf)[turn], event_error(one.name))
+            shown = (times or {}).get(one.name)
+            shown = figure(lanes, one.name, np.inf)[turn] if shown is None else shown
+            error = event_error(one.name)
+            if one.quantity.event == "impulse":
+                error = np.hypot(error, CURVED * np.minimum(shown / model.task.rig.clearance, 1.0))
+            found[one.name] = scattered(shown, error)
+    return found
+
+
+def event_times(model: Model, gains: Gains, turn: np.ndarray) -> dict[str, np.ndarray]:
+    """Times (draws,) of the goal's events on the rig of each draw, under the doubt of when the rotor is at rest; s."""
+    if model.goal is None or not set(BAND_ERROR) & set(model.goal.events):
+        return {}
+    point = model.task.box.gains(model.point(gains)[None])[0]
+    tried = [model.task.experiment(episode, point, 0) for episode in model.episodes]
+    (followed,) = followed_events(model.goal, tried, own_lanes(tried))
+    found, rng = {}, np.random.default_rng(196883)
+    for event, limit, series in followed.events:
+        if event.kind in BAND_ERROR:
+            wider = np.exp(BAND_ERROR[event.kind] * rng.standard_normal(turn.size))
+            wider[0] = 1.0
+            times = np.array([time_to_rest(followed, limit, series, w)[t] for w, t in zip(wider, turn, strict=True)])
+            found[EVENT_NAMES[event.kind]] = np.where(np.isnan(times), np.inf, times)
     return found
 
 

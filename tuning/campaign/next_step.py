@@ -12,7 +12,7 @@ from maglev_env.task.gain_box import TUNED, gain_box
 from maglev_env.task.task import Task, make_task
 from tuning.campaign.advice import Advice, stopped
 from tuning.campaign.candidates import predict
-from tuning.campaign.carried import carried
+from tuning.campaign.carried import beside, carried
 from tuning.campaign.disagreement import Disagreement
 from tuning.campaign.gain_set import GainSet, shown
 from tuning.campaign.model import Model, event_current, model_of
@@ -65,27 +65,31 @@ def next_step(
     if identified.contradicted and diagnosis:
         found = diagnosis()
         identified = _explained(task, told, identified, found)
-    if identified.contradicted:
-        notes = (
-            f"the recordings contradict the rig's model: they miss it by {np.sqrt(identified.misfit):.0f} times what "
-            "noise and 1 % of model error explain; gains are judged by the measured responses, and large signals "
-            "(events, noise) by the nearest model"
-            + (f". {found.sentence}" if found else "; `maglev diagnose` on this campaign says where and why"),
-            *notes,
-        )
-    if identified.other_mass and not identified.contradicted:
+    if identified.other_mass and (found is None or not identified.contradicted):
         notes = (
             f"the recordings look like those of another mass than the stated {task.rig.mass:.4g} kg, by more than its "
             "tolerance and that of the probe: weigh the rotor, and check the scales of force and displacement; gains "
             "are judged by the stated mass",
             *notes,
         )
+    if identified.contradicted:
+        notes = (
+            f"the recordings contradict the rig's model: they miss it by {np.sqrt(identified.misfit):.2g} times what "
+            "noise and 1 % of model error explain; gains are judged by the measured responses, and large signals "
+            "(events, noise) by the nearest model"
+            + (f". {found.sentence}" if found else "; `maglev diagnose` on this campaign says where and why"),
+            *notes,
+        )
+    elif found and found.rig:
+        notes = (f"{found.sentence} It is part of the rig by which gains are judged", *notes)
     if task.layout.goal and task.layout.goal.rigs:
         notes = (f"worst of {task.layout.goal.rigs} rigs: judged on what the recordings leave of this one rig", *notes)
     responses = carried(identified, told, seed)
     model = model_of(task, corners, identified, responses, told, seed)
     seen = tuple(s and shown(s, task.rig.target.band, task.rig.mass, seed) for s in held)
-    claimed = tuple(s and predict(model, s.gains, carried(identified, [s], seed, responses.sharp), s) for s in held)
+    rate = task.rig.control_rate
+    own = [s and carried(identified, beside(s, told, rate), seed, responses.sharp) for s in held]
+    claimed = tuple(s and predict(model, s.gains, r, s) for s, r in zip(held, own, strict=True))
     if responses.sharp.size:
         notes = (*notes, _sharp_in_words(responses.sharp))
     advice = Advice(task, tuple(sets), seen, claimed, identified, diagnosis=found, notes=notes)

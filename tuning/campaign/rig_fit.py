@@ -8,20 +8,25 @@ import scipy
 
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
-from maglev_env.loop.effect import effect_value
+from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.loop.gains import Gains, controller_response
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import WIDE, log_spread, wide_factors
 from tuning.campaign.gain_set import GainSet
-from tuning.search.corrected.parameters import DELAY_SPREAD, FACTORS, fitted_rig, most_delay, seen_in_loop
+from tuning.campaign.opened import open_responses
+from tuning.campaign.posterior import STEP, posterior
+from tuning.search.corrected.parameters import DELAY_SPREAD, FACTORS, LAGS, fitted_rig, most_lag, seen_in_loop
 
+EFFECT_SPREAD = 0.5  # prior standard deviation of ln of a parameter of an effect that the diagnosis has named
 MODEL_ERROR = 0.01  # relative error of a linear model of few parameters, at any line
-STEP = 1e-3  # of a finite difference, ln of a factor or control samples
+LEAST_LAG = 1e-4  # control samples; a shorter lag is none
 MASS = 0.01  # relative standard deviation of a mass without a stated tolerance: it is weighed
 STATED = 3.0  # standard deviations by which the mass may differ from the stated one
-CONTRADICTED = 25.0  # misfit above which the model is wrong: residuals five times as large as noise and model error
+# Misfit above which the model is wrong. Noise and MODEL_ERROR at every line leave 0.5 to 1; a friction of 0.5 % of the
+# weight or a second body of 14 % of the mass leave 5 to 8, and the diagnosis tells which of them it is.
+CONTRADICTED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +35,10 @@ class IdentifiedRig:
 
     Attributes:
         nominal: The nominal rig.
-        names: Names (p,) of the fitted parameters, "delay" last.
-        theta: Values (p,): ln of parameter over nominal, and the delay in control samples.
-        covariance: Covariance (p, p), scaled by the misfit where that exceeds 1.
+        names: Names (p,) of the fitted parameters, LAGS last.
+        theta: Values (p,): ln of parameter over nominal, and of LAGS the control samples.
+        covariance: Covariance (p, p) of noise and of smooth differences between any linear model and the rig.
+        heavier: ln of the mass over the nominal one that the recordings look like, at most STATED standard deviations.
         misfit: Mean squared residual over what noise and MODEL_ERROR explain; about 1 or less where the model holds.
     """
 
@@ -40,6 +46,7 @@ class IdentifiedRig:
     names: tuple[str, ...]
     theta: np.ndarray
     covariance: np.ndarray
+    heavier: float
     misfit: float
 
     @property
@@ -49,31 +56,39 @@ class IdentifiedRig:
     @property
     def other_mass(self) -> bool:
         """Whether the recordings look like another mass than the stated one."""
-        at = dict(zip(self.names, self.theta, strict=True)).get("mass", 0.0)
-        return abs(at) > 0.99 * STATED * stated_mass(self.nominal)
+        return abs(self.heavier) > 0.99 * STATED * stated_mass(self.nominal)
 
     def rig(self, theta: np.ndarray | None = None) -> Rig:
-        """The rig at parameters theta (p,), by default the best; it has the delay as an effect."""
+        """The rig at parameters theta (p,), by default the best; it has LAGS as effects."""
         return fitted_rig(self.nominal, self.names, self.theta if theta is None else theta)
 
     def drawn(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """theta (n, p) drawn from the posterior, which is normal; negative delays are set to zero."""
+        """theta (n, p) drawn from the posterior, which is normal within the bounds.
+
+        Where a draw goes beyond a bound, all else follows it back, as the covariance says.
+        """
         draws = rng.multivariate_normal(self.theta, self.covariance, n, method="eigh")
-        draws[:, :-1] = np.clip(draws[:, :-1], -np.log(FACTORS), np.log(FACTORS))
-        draws[:, -1] = np.clip(draws[:, -1], 0.0, most_delay(self.nominal))
-        return draws
+        low, high = _bounds(self.nominal, self.names)
+        for i, own in enumerate(self.covariance):
+            beyond = np.clip(draws[:, i], low[i], high[i]) - draws[:, i]
+            draws += beyond[:, None] * own / own[i]
+        return _without_traces(np.clip(draws, low, high), self.names)
 
     def told(self) -> dict[str, tuple[float, float, float]]:
         """Name -> (value, standard error, nominal value), SI."""
         best, found = self.rig(), {}
         for i, name in enumerate(self.names):
             sd = float(np.sqrt(self.covariance[i, i]))
-            if name == "delay":
+            if name in LAGS:
                 dt = 1 / self.nominal.control_rate
-                found[name] = self.theta[i] * dt, sd * dt, effect_value(self.nominal.effects, "delay")
+                found[name] = self.theta[i] * dt, sd * dt, effect_value(self.nominal.effects, name)
             else:
-                value = getattr(best, name)
-                found[name] = value, sd * abs(value), getattr(self.nominal, name)
+                of, _, parameter = name.partition(".")
+                value, nominal = (
+                    effect_value(r.effects, of, parameter) if parameter else getattr(r, name)
+                    for r in (best, self.nominal)
+                )
+                found[name] = value, sd * abs(value), nominal
         return {name: tuple(map(float, values)) for name, values in found.items()}
 
 
@@ -81,8 +96,8 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     """Fit the linearised loop's receptance and sensitivity to the measured ones, all sets together.
 
     Actuator gain, negative stiffness and every other parameter with a range or tolerance move on a logarithmic scale
-    with a normal prior; the mass moves within its stated tolerance. A delay, which every digital loop has, is fitted
-    too.
+    with a normal prior; the mass moves within its stated tolerance. LAGS are fitted too: every digital loop has a
+    delay, and what a probe's filter or eddy currents add is another lag than the amplifier's.
 
     Raises:
         ValueError: No set shows anything.
@@ -93,8 +108,7 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
     gain, stiffness = linearise(force_law(rig))
     rig = with_parameters(rig, {"actuator_gain": gain, "negative_stiffness": stiffness})
     names, prior = _parameters(rig)
-    own_delay = effect_value(rig.effects, "delay") * rig.control_rate
-    centre = np.array([0.0] * (len(names) - 1) + [own_delay])
+    centre = np.array([effect_value(rig.effects, n) * rig.control_rate if n in LAGS else 0.0 for n in names])
     frequency = np.unique(np.concatenate([c.frequency for s in sets for c in (s.receptance, s.sensitivity) if c]))
     z, dt = np.exp(2j * np.pi * frequency / rig.control_rate), 1 / rig.control_rate
     controllers = [controller_response(s.gains, z, dt) for s in sets]
@@ -123,19 +137,32 @@ def fit_rig(rig: Rig, sets: Sequence[GainSet]) -> IdentifiedRig:
         at = residuals(theta)
         return np.stack([(residuals(theta + step) - at) / STEP for step in STEP * np.eye(theta.size)], axis=1)
 
-    most = np.array([STATED * prior[i] if n == "mass" else np.log(FACTORS) for i, n in enumerate(names)])
-    least = -most
-    most[-1], least[-1] = most_delay(rig), 0.0
-    start = np.append(np.zeros(len(names) - 1), max(own_delay, 0.2))  # inside the bounds
+    least, most = _bounds(rig, names)
+    if "mass" in names:
+        at = names.index("mass")
+        least[at], most[at] = -STATED * prior[at], STATED * prior[at]
+    start = np.where(np.isin(names, list(LAGS)), np.maximum(centre, 0.2), 0.0)  # inside the bounds
     found = scipy.optimize.least_squares(residuals, start, jacobian, bounds=(least, most), x_scale=prior, max_nfev=40)
     data = found.fun[: -len(names)]
     misfit = float(data @ data / max(data.size - len(names), 1))
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, misfit)
-    return IdentifiedRig(rig, names, found.x, covariance, misfit)
+    theta, spread = posterior(rig, names, found.x, (centre, prior), (least, most), sets)
+    heavier = float(found.x[names.index("mass")]) if "mass" in names else 0.0
+    return IdentifiedRig(rig, names, _without_traces(theta, names), spread, heavier, misfit)
+
+
+def _without_traces(theta: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Parameters (..., p) whose lags are none where they are hardly any: a pole that fast is lost in rounding."""
+    return np.where(np.isin(names, list(LAGS)) & (theta < LEAST_LAG), 0.0, theta)
+
+
+def _bounds(rig: Rig, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest values (p,) of parameters."""
+    most = np.array([most_lag(rig, n) if n in LAGS else np.log(FACTORS) for n in names])
+    return np.where(np.isin(names, list(LAGS)), 0.0, -most), most
 
 
 def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the fitted parameters, the delay last, and their prior standard deviations (p,)."""
+    """Names of the fitted parameters, LAGS last, and their prior standard deviations (p,)."""
     ranges: Mapping[str, tuple[float, float]] = {
         **dict.fromkeys(("mass", "actuator_gain", "negative_stiffness", "amplifier_time_constant"), WIDE),
         **wide_factors(rig),
@@ -143,7 +170,29 @@ def _parameters(rig: Rig) -> tuple[tuple[str, ...], np.ndarray]:
     frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
     names = [name for name in ranges if getattr(rig, name) and seen_in_loop(rig, name, frequency)]
     spread = [stated_mass(rig) if n == "mass" else log_spread(ranges[n]) for n in names]
-    return (*names, "delay"), np.array([*spread, DELAY_SPREAD])
+    own = _of_effects(rig)
+    return (*names, *own, *LAGS), np.array([*spread, *(EFFECT_SPREAD,) * len(own), *(DELAY_SPREAD,) * len(LAGS)])
+
+
+def _of_effects(rig: Rig) -> tuple[str, ...]:
+    """Parameters "effect.parameter" of the rig's effects that the linear loop shows, beside those of the rig itself."""
+    frequency = np.geomspace(1e-4, 0.45, 400) * rig.control_rate
+    names = [
+        f"{name}.{parameter}"
+        for name, own in rig.effects.items()
+        if name not in LAGS and not hasattr(rig, EFFECTS[name].nominal or name)
+        for parameter, value in own.items()
+        if value
+    ]
+    nominal = open_responses(rig, frequency)
+    return tuple(
+        n
+        for n in names
+        if any(
+            not np.allclose(a, b, 1e-6, 0)
+            for a, b in zip(nominal, open_responses(fitted_rig(rig, (n,), np.array([0.01])), frequency), strict=True)
+        )
+    )
 
 
 def stated_mass(rig: Rig) -> float:

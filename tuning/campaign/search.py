@@ -3,7 +3,8 @@
 import numpy as np
 
 from tuning.campaign.candidates import FEW, search_scores
-from tuning.campaign.model import Model, louder
+from tuning.campaign.carried import louder
+from tuning.campaign.model import Model
 from tuning.search.evolution import DifferentialEvolution
 from tuning.search.space_filling import Sobol
 from tuning.tuner import Trials

@@ -7,8 +7,9 @@ import numpy as np
 from maglev_env.loop.gains import Gains
 from tuning.campaign.advice import Advice, ranked, stopped
 from tuning.campaign.candidates import Prediction, predict, search_scores
+from tuning.campaign.carried import louder
 from tuning.campaign.disagreement import diagnosing
-from tuning.campaign.model import Model, louder
+from tuning.campaign.model import Model
 from tuning.campaign.search import TRIED, nearby, optimum, peak_bounds
 from tuning.study.recommendation import PEAK_SENSITIVITY
 
@@ -17,6 +18,9 @@ LOUDER = 2.0  # largest factor by which one step may change the controller's res
 SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2, 0.1)  # shares of the way to the optimum that are tried, in this order
 GAINED, CALMER = 0.01, 0.9  # least gain in score worth an experiment; factor on the peak of a loop beyond its limits
 TOLD = 0.5  # of the larger standard deviation of the two scores, likewise: less is within what is not known
+# Where the best recorded gains miss a limit by far their score is nearly zero, and so is all that one step can add to
+# it: there a factor tells what a difference does not.
+RISEN = 1.3
 SURER = 0.2  # by which the probability that every requirement is met must rise, if the score may gain less than that
 SAME = 1e-3  # of the box; gains closer than this count as equal
 BETWEEN, PASSED = (0.25, 0.5, 0.75), 2.0  # shares of a step, and times the limit that its peak may reach on the way
@@ -41,7 +45,7 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
                 return _climb(advice, best, prediction, share, limited)
             allowed = allowed or share
             # The search saw one rig. Where others that the recordings allow do worse, less of the way may be worth it.
-            if prediction.score.value - advice.claimed[best].score.value < GAINED:
+            if not _more(prediction.score.value, advice.claimed[best].score.value):
                 break
             why = f"a score of {prediction.score.value:.3f} is not sure enough: it may be {prediction.score.low:.3f}"
         limited = why
@@ -71,7 +75,20 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
         )
     bound = f"; farther on, {limited}" if limited else ""
     words = f"no gains that may be tried promise more than an experiment can tell over the best recorded ones{bound}"
+    words += _out_of_reach(advice, model, best, goal)
     return stopped(advice, words, share=share, limited=limited)
+
+
+def _out_of_reach(advice: Advice, model: Model, best: int, goal: np.ndarray) -> str:
+    """What is to be said where the best recorded gains miss a requirement, and so do the best of the ranges (k,)."""
+    if not advice.claimed[best].missed or not (missed := predict(model, model.gains(goal)).missed):
+        return ""
+    names = model.task.box.names
+    ends = [n for n, v, low, high in zip(names, goal, *model.corners, strict=True) if min(v - low, high - v) < SAME]
+    where = (
+        f", with {' and '.join(ends)} at the end of its range: [bounds] of the rig may be too narrow" if ends else ""
+    )
+    return f"; the best gains that a search on the fitted rig finds miss {', '.join(missed)}, too{where}"
 
 
 def _climb(advice: Advice, best: int, prediction: Prediction, share: float, limited: str | None) -> Advice:
@@ -90,8 +107,13 @@ def _worth(advice: Advice, model: Model, best: int, prediction: Prediction) -> b
     gained = prediction.expected - known.expected
     if known.met is not None and gained >= 0 and prediction.met - known.met >= SURER:
         return True
-    least = max(GAINED, TOLD * max(known.spread, prediction.spread))
-    return known.reason is not None or gained >= least
+    doubt = TOLD * max(known.spread, prediction.spread)
+    return known.reason is not None or (_more(prediction.expected, known.expected) and gained >= doubt)
+
+
+def _more(score: float, known: float) -> bool:
+    """Whether a score is so much above a known one that it is worth an experiment."""
+    return score - known >= GAINED or score > RISEN * known
 
 
 def _near(advice: Advice, model: Model, gains: Gains) -> bool:

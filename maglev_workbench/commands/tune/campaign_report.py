@@ -35,7 +35,14 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 SHOWN = ("stiffness kN/m", "damping N s/m", "peak |S|", "gain margin", "phase margin °", "score")
-UNIT = {"mass": "kg", "actuator_gain": "N/A", "negative_stiffness": "N/m", "support_stiffness": "N/m", "delay": "s"}
+UNIT = {
+    "mass": "kg",
+    "actuator_gain": "N/A",
+    "negative_stiffness": "N/m",
+    "support_stiffness": "N/m",
+    "delay": "s",
+    "sensor_lag": "s",
+}
 WORDS = {
     "score": "score",
     "peak_sensitivity": "peak |S|",

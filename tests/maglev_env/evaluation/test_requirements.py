@@ -13,7 +13,7 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.evaluation.goal_score import met
-from maglev_env.evaluation.requirements import NEAR, SETTLED, events_of
+from maglev_env.evaluation.requirements import NEAR, SETTLED, events_of, settling_time
 from maglev_env.evaluation.worst import drawn_experiments
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.blocks import own_lanes
@@ -235,3 +235,11 @@ def test_a_ball_lifts_off_from_below_without_any_current():
 
     after = solve_ivp(rate, (0.0, 2e-3), (-2e-3, 0.0, -BALL.bias_current), rtol=1e-9).y
     assert current[2] == pytest.approx(after[2, -1], abs=0.1) and y[2] == pytest.approx(after[0, -1], abs=2e-4)
+
+
+def test_a_narrower_band_of_rest_waits_for_a_later_swing():
+    """A swing of 9 % of the peak from 0.6 to 0.7 s lies inside of the band of 10 %, and outside of one of 8 %."""
+    t = np.arange(1000) * 1e-3
+    y = np.where(t < 0.3, 1.0, np.where((t >= 0.6) & (t < 0.7), 0.09, 0.0))[None]
+    assert settling_time(y, np.zeros(1), 1e-3) == pytest.approx([0.3], abs=2e-3)
+    assert settling_time(y, np.zeros(1), 1e-3, 0.8) == pytest.approx([0.7], abs=2e-3)

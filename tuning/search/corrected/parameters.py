@@ -14,7 +14,8 @@ from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import log_spread, wide_factors
 
-DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation, and largest value
+LAGS = {"delay": "time", "sensor_lag": "time_constant"}  # effects whose time is fitted, in control samples
+DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation of a lag, and largest value
 TANGENT = 0.1  # prior standard deviation of a tangent that nothing is stated of
 FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
 
@@ -53,7 +54,7 @@ class Parameters:
         self.spread = np.array([*(ranges[n] for n in names), DELAY_SPREAD])
         self.centre = np.array([0.0] * len(names) + [effect_value(rig.effects, "delay") * rig.control_rate])
         self.low = np.array([-np.log(FACTORS)] * len(names) + [0.0])
-        self.high = np.array([np.log(FACTORS)] * len(names) + [most_delay(rig)])
+        self.high = np.array([np.log(FACTORS)] * len(names) + [most_lag(rig, "delay")])
 
     def rig_at(self, theta: np.ndarray) -> Rig:
         """The rig at parameters theta (p,), which are clipped to their bounds; it has the delay as an effect."""
@@ -61,9 +62,10 @@ class Parameters:
         return fitted_rig(self.rig, self.names, theta)
 
 
-def most_delay(rig: Rig) -> float:
-    """Largest delay in control samples, within the bounds of the effect."""
-    return min(MOST_DELAY, 0.999 * EFFECTS["delay"].parameters["time"].on(rig.scales).high * rig.control_rate)
+def most_lag(rig: Rig, name: str) -> float:
+    """Largest time of one of LAGS in control samples, within the bounds of the effect."""
+    bound = EFFECTS[name].parameters[LAGS[name]].on(rig.scales).high
+    return min(MOST_DELAY, 0.999 * bound * rig.control_rate)
 
 
 def seen_in_loop(rig: Rig, name: str, frequency: np.ndarray) -> bool:
@@ -73,7 +75,19 @@ def seen_in_loop(rig: Rig, name: str, frequency: np.ndarray) -> bool:
 
 
 def fitted_rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
-    """The rig at theta (p,): logarithms of its parameters over the nominal ones, and last the delay in samples."""
-    factors = {name: float(np.exp(v)) for name, v in zip(names[:-1], theta, strict=False)}
-    delay = effect("delay", float(theta[-1]) / nominal.control_rate)
-    return replace(scaled_rig(nominal, factors), effects={**nominal.effects, **delay})
+    """The rig at theta (p,).
+
+    Of LAGS theta is the control samples; of parameters of the rig or of its effects ("effect.parameter") the logarithm
+    over the nominal value.
+    """
+    values = dict(zip(names, map(float, theta), strict=True))
+    effects = {name: dict(own) for name, own in nominal.effects.items()}
+    for name in LAGS:
+        if name in values:
+            effects |= effect(name, values.pop(name) / nominal.control_rate)
+    factors = {name: float(np.exp(v)) for name, v in values.items()}
+    for name in [n for n in factors if "." in n]:
+        own, _, parameter = name.partition(".")
+        bound = EFFECTS[own].parameters[parameter].on(nominal.scales)
+        effects[own][parameter] = float(np.clip(effects[own][parameter] * factors.pop(name), bound.low, bound.high))
+    return replace(scaled_rig(nominal, factors), effects=effects)
