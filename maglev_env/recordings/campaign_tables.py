@@ -123,7 +123,9 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     delay = number_of(table, "delay", 0.0, where)
     total = table.get("total", False)
     if type(total) is not bool or (total and name.partition("_")[0] not in ("current", "command", "voltage")):
-        raise ValueError(f"{where}: total = {total!r}; write total = true where a current, command or voltage includes the bias")
+        raise ValueError(
+            f"{where}: total = {total!r}; write total = true where a current, command or voltage includes the bias"
+        )
     sigma = {key: number_of(table, key, None, where) for key in _TOLERANCES if key in table}
     for key, value in sigma.items():
         if value < 0:
