@@ -10,14 +10,11 @@ from estimation.lines.periods import LineStatistics
 
 POOL = 7  # neighbouring lines whose noise is averaged
 LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
-# Lines of whose scatter about the cubics the median is taken. A resonance, which few cubics follow, is then not taken
-# for distortion, and distortion that falls with frequency is still followed (a thousandfold over 40 lines where iron
-# saturates).
-ROUGH_POOL = 21
-# The median of that many overlapping cubics tells the scatter with 17 degrees of freedom, and at the ends of the lines
-# with 6: the square of Student's 95 % quantile over that of a known variance is 1.16 and 1.56.
+ROUGH_POOL = 41  # lines of whose scatter about the cubics the median is taken, so that a resonance is not distortion
+# The median of that many overlapping cubics tells the scatter with about 8 degrees of freedom: the square of Student's
+# 95 % quantile over that of a known variance.
 FEW = 1.3
-CHANCE = 1.4  # ratio of scatter to noise to which noise alone comes too often to count
+CHANCE = 1.25  # ratio of scatter to noise to which noise alone comes too often to count
 
 
 def frequency_response(statistics: LineStatistics, output: str, source: str) -> tuple[np.ndarray, np.ndarray]:

@@ -189,10 +189,11 @@ def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:
     Each leading period is compared with all later ones. For a steady period, |Z_p - mean|^2 over its predicted variance
     is F(2, 2 (q - 1)) distributed at each line, with q later periods, and Fisher's sum over the lines is chi-square.
     The same test over groups of neighbouring lines finds the ringing of a lightly damped mode; the smallest p-value
-    counts, corrected for the number of tests. At least two periods are kept, so a record of two cannot be tested.
+    counts, corrected for the number of tests. At least three periods are kept, so that what drifts throughout the
+    record leaves some, and two of three: a record of two cannot be tested.
     """
-    first = 0
-    while len(spectra) - first > 2:
+    first, least = 0, 3 if len(spectra) > 3 else 2
+    while len(spectra) - first > least:
         later = spectra[first + 1 :]
         q = len(later)
         variance = later.var(axis=0, ddof=1) * (1 + 1 / q)

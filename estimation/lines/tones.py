@@ -4,15 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
-from scipy.ndimage import median_filter
-from scipy.optimize import minimize_scalar
+import scipy
 
 from estimation.lines.periods import LineStatistics
 
 FALSE_ALARM = 1e-5  # probability that noise alone shows a tone somewhere in a record
 NEIGHBOURS = 25  # bins on either side above which a tone must stand out
 MOST = 8  # tones per record
+REACH, FURTHER = 0.7, 1.0  # bins, see `remove_tones`
 ON_LINE = 0.01  # bins from a line within which a tone is the same to it
 CLOSE = 8  # bins around a tone that hold no more than noise once it is removed
 BESIDE, SWEEPS = 4.0, 12  # bins within which tones take from each other, and rounds in which these are fitted again
@@ -34,7 +33,7 @@ class Tone:
 
 
 def remove_tones(
-    channels: Mapping[str, np.ndarray], per_period: int, rate: float
+    channels: Mapping[str, np.ndarray], per_period: int, rate: float, reach: float = REACH
 ) -> tuple[dict[str, np.ndarray], list[Tone]]:
     """Remove the tones that lie between the harmonics.
 
@@ -42,6 +41,8 @@ def remove_tones(
         channels: Whole periods (axes, samples) by channel.
         per_period: Samples per period.
         rate: Sampling rate, Hz.
+        reach: Bins from where a tone shows within which it is looked for: one beside a harmonic shows on the next bin,
+            but a gain that drifts shows beside every harmonic, and would be taken for tones.
 
     Returns:
         The channels without the tones, and the tones.
@@ -72,7 +73,7 @@ def remove_tones(
         for _ in range(SWEEPS if len(beside) > 1 else 1):
             for i in reversed(beside):
                 shift(i, 1.0)
-                bins[i], amplitudes[i] = _refined(cleaned, bins[i], per_period)
+                bins[i], amplitudes[i] = _refined(cleaned, bins[i], per_period, reach)
                 shift(i, -1.0)
                 if i == len(first):
                     first.append(float((abs(amplitudes[i]["displacement"]) ** 2).sum()))
@@ -89,16 +90,18 @@ def remove_tones(
 
 def _significant(bins: int, axes: int) -> float:
     """Chi-square that noise alone hardly ever shows in any of so many bins."""
-    return float(stats.chi2.isf(FALSE_ALARM / bins, 2 * axes)) * 1.5
+    return float(scipy.stats.chi2.isf(FALSE_ALARM / bins, 2 * axes)) * 1.5
 
 
-def _refined(channels: Mapping[str, np.ndarray], at: float, per_period: int) -> tuple[float, dict[str, np.ndarray]]:
+def _refined(
+    channels: Mapping[str, np.ndarray], at: float, per_period: int, reach: float
+) -> tuple[float, dict[str, np.ndarray]]:
     """Bin and amplitudes of the tone near a bin."""
     total = channels["displacement"].shape[1]
     rest = _without_period(channels["displacement"], per_period)
-    refined = minimize_scalar(
+    refined = scipy.optimize.minimize_scalar(
         lambda f: -_energy(rest, f, per_period, total),
-        bounds=(at - 1.0, at + 1.0),  # a tone beside a harmonic shows on the next bin
+        bounds=(at - reach, at + reach),
         method="bounded",
         options={"xatol": 1e-4},
     ).x
@@ -132,7 +135,8 @@ def _around(values: np.ndarray, per_period: int) -> tuple[np.ndarray, np.ndarray
     between = np.arange(power.size) % count != 0
     between[: count // 2] = False  # slow drift is not a tone
     p = power[between]
-    level = median_filter(p, 2 * NEIGHBOURS + 1, mode="reflect") / (stats.chi2.median(2 * len(values)) / 2)
+    middle = scipy.ndimage.median_filter(p, 2 * NEIGHBOURS + 1, mode="reflect")
+    level = middle / (scipy.stats.chi2.median(2 * len(values)) / 2)
     return np.flatnonzero(between), p, np.maximum(level, np.finfo(float).tiny)
 
 

@@ -15,7 +15,7 @@ from estimation.lines.periods import (
     transient_periods,
     two_unsteady,
 )
-from estimation.lines.tones import MOST, Tone, beside_tone, remove_tones, stands_alone
+from estimation.lines.tones import FURTHER, MOST, Tone, beside_tone, remove_tones, stands_alone
 from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis
@@ -194,7 +194,7 @@ def _without_tones(periods: np.ndarray, names: Sequence[str], rate: float) -> tu
     # One channel for each kind, with its axes, as all of them are removed at one frequency.
     kinds = list(dict.fromkeys(name.partition("_")[0] for name in names))
     order = [[i for i, name in enumerate(names) if name.partition("_")[0] == kind] for kind in kinds]
-    cleaned, found = remove_tones(dict(zip(kinds, (whole[own] for own in order), strict=True)), samples, rate)
+    cleaned, found = remove_tones(dict(zip(kinds, (whole[own] for own in order), strict=True)), samples, rate, FURTHER)
     # As many as were looked for: a clock or a gain that drifts shows beside every driven line.
     alone = len(found) < MOST and all(stands_alone(cleaned["displacement"], tone, samples, rate) for tone in found)
     if not alone:

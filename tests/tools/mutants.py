@@ -54,9 +54,10 @@ class Place:
 
 
 def product_files(tree: Path) -> list[Path]:
-    """All .py files that are no tests, nothing hidden, and not this machinery."""
+    """All .py files that are no tests, nothing hidden, no copies of an installation, and not this machinery."""
     inside = [p.relative_to(tree) for p in tree.rglob("*.py")]
-    kept = [p for p in inside if "tests" not in p.parts and not any(part.startswith(".") for part in p.parts)]
+    elsewhere = {"tests", "build"}
+    kept = [p for p in inside if not elsewhere & set(p.parts) and not any(part.startswith(".") for part in p.parts)]
     return [tree / p for p in sorted(kept)]
 
 
