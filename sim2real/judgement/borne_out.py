@@ -7,7 +7,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
-from sim2real.gap.shrink import gap_of, lost
+from sim2real.gap.shrink import closed, gap_of, lost
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import NO_GAP, Attribution
@@ -16,13 +16,15 @@ from sim2real.search.hypotheses import WIDER
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout
 PLAINLY = 2.0  # chi-square per degree of freedom on the fitted recordings that is a gap whatever the holdout shows
 CERTAIN = 100.0  # cost that no noise and no error at single moments saves; without an effect it was 11 at most
+MOST = 0.5  # share of a gap that something named closes, unless it surely closes some
 CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: what is named must then leave less
 
 
 def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
     """Those with which the holdout is simulated better than on the nominal rig, better than after calibration alone
-    where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. Tones are kept:
-    they leave the compared lines alone.
+    where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. What leaves
+    most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. Tones are
+    kept: they leave the compared lines alone.
 
     Args:
         judged: The holdout.
@@ -42,7 +44,10 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
 
     def bears_out(left: np.ndarray) -> bool:
         gap = gap_of(left)
-        return gap is not None and gap < least and not (as_stated and lost(calibrated, left) > NO_GAP)
+        if gap is None or gap >= least or (as_stated and lost(calibrated, left) > NO_GAP):
+            return False
+        share, interval = closed(before, left, 0)
+        return share is None or interval is None or share > MOST or interval[0] > 0
 
     left = iter(after)
     return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left))]

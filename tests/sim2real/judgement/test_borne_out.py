@@ -68,3 +68,15 @@ def test_a_holdout_that_calibration_simulates_to_its_noise_shows_nothing(gap, ma
     attribution = SimpleNamespace(calibration=SimpleNamespace(fit=weighed), expected=40.0)
     assert shows_nothing(holdout, attribution, 10.0) == nothing
     assert not shows_nothing(holdout, attribution, 200.0)  # what differs between the recordings
+
+
+@pytest.mark.parametrize(("spread", "kept"), [(0.0, True), (1.0, False)])
+def test_what_closes_a_little_of_a_clear_gap_must_surely_close_some(spread, kept):
+    """A fit of many parameters follows one part of the holdout and misses the rest by more than before."""
+    holdout, attribution = judged(2.1, 2.1, 1.9)
+    size = np.full(400, 2.1)
+    after = np.where(np.arange(400) % 80 < 8, 1 + 4.3 * spread, 1.0) + (1 - spread) * 0.9
+    assert np.mean(after**2) < np.mean(size**2)
+    rows = np.sqrt(2) * np.stack([size, size, after])
+    holdout.data, holdout.simulate = np.zeros(400), lambda points: rows[: len(points)]
+    assert borne_out(holdout, attribution, ENTRIES[:1]) == (ENTRIES[:1] if kept else [])
