@@ -71,6 +71,7 @@ SPECTRAL = tuple(name for name, c in CHANNELS.items() if c.spectra == "all")
 ANALYSED = tuple(name for name, c in CHANNELS.items() if c.spectra)
 NOISY = tuple(name for name, c in CHANNELS.items() if c.noisy)
 RECORDED = tuple(name for name, c in CHANNELS.items() if c.recorded)
+EFFORTS = ("current", "command", "voltage")  # what drives a coil, which may include what carries the weight
 SHOWN_BY: Mapping[Place, str] = {c.shows: name for name, c in CHANNELS.items() if c.shows}
 
 

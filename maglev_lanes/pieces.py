@@ -10,7 +10,7 @@ Function = TypeVar("Function", bound=Callable)
 # kernel, and the last bits of results would depend on which kernels ran before.
 INLINED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "forceinline": True}
 EXACT = INLINED | {"fastmath": False}
-_made: dict[tuple, tuple[Callable, dict]] = {}  # every piece and its options by what it computes, see `_content`
+_made: dict[tuple, Callable] = {}  # every piece by what it computes, see `_content`
 _waiting: list[tuple[Callable, tuple, dict]] = []  # pieces that were marked since the last kernel was made
 
 
@@ -36,12 +36,12 @@ def exact(function: Function) -> Function:
 def _marked(function: Function, options: dict) -> Function:
     content = _content(function)
     _waiting.append((function, content, options))
-    return cast(Function, _made.setdefault(content, (function, options))[0])
+    return cast(Function, _made.setdefault(content, function))
 
 
 def pieces() -> list[Callable]:
     """All pieces that were marked up to now."""
-    return [function for function, _ in _made.values()]
+    return list(_made.values())
 
 
 def _content(function: Callable) -> tuple:
@@ -70,5 +70,5 @@ def register() -> None:
         function, content, options = _waiting.pop()
         if _content(function) != content:
             raise RuntimeError(f"{function.__qualname__}: a variable that this piece uses changed after it was marked")
-        if _made[content][0] is function:
+        if _made[content] is function:
             register_jitable(**options)(function)

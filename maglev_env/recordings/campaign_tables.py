@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from maglev_env.channels import RECORDED, SHOWN_BY
+from maglev_env.channels import EFFORTS, RECORDED, SHOWN_BY
 from maglev_env.fields import check_known, is_number
 from maglev_env.rig.excitation import MAX_HARMONIC, Excitation, check_interleaved
 from maglev_env.rig.tables import excitation_from_table
@@ -122,7 +122,7 @@ def channel_table(name: str, value: Any) -> ChannelSource:
         raise ValueError(f"{where}: filter = {list(corners)}; give corner frequencies in Hz, above 0")
     delay = number_of(table, "delay", 0.0, where)
     total = table.get("total", False)
-    if type(total) is not bool or (total and name.partition("_")[0] not in ("current", "command", "voltage")):
+    if type(total) is not bool or (total and name.partition("_")[0] not in EFFORTS):
         raise ValueError(
             f"{where}: total = {total!r}; write total = true where a current, command or voltage includes the bias"
         )

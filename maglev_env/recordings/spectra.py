@@ -162,12 +162,12 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple
     periods = np.delete(split_periods(stack, per_period), list(signals.left_out), axis=0)
     moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
 
+    whole = bool(moved) and not signals.left_out  # periods that do not follow one another hold no tone of one phase
+
     def without_tones(some: np.ndarray) -> tuple[np.ndarray, list[Tone]]:
-        # Periods that do not follow one another hold no tone of one phase.
         cleaned, found = _without_tones(some, names, signals.sample_rate) if whole else (some, [])
         return np.stack([period_spectra(p, lines * every) for p in cleaned]), found
 
-    whole = bool(moved) and not signals.left_out
     spectra, found = without_tones(periods)  # a tone beside a line would look like a transient
     on = np.isin(lines, driven)
     dropped = transient_periods(spectra[:, moved][..., on].reshape(len(spectra), -1))

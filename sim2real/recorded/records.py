@@ -29,9 +29,9 @@ from sim2real.recorded.tones import ON_LINE, near_tones
 from sim2real.recorded.wander import without_wander
 
 WITHOUT_PERIOD = "the ticks of its controller jitter, so it is compared as one that does not repeat"
-REPEATS = 10.0  # power off the stated lines of an excitation, of what noise leaves there, from which it is part of it
 UNSTEADY = "its two steady periods differ by more than noise, so it is compared as one that does not repeat"
 WITHOUT_CONTROLLER = "its controller is not stated, so it is compared as one that does not repeat"
+REPEATS = 10.0  # power off the stated lines of an excitation, of what noise leaves there, from which it is part of it
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from math import copysign
 from pathlib import Path
 from typing import Any
 
-from maglev_env.channels import MEASURED
+from maglev_env.channels import EFFORTS, MEASURED
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.columns.scaling import NO_UNIT
 from maglev_env.recordings.guess.evidence import LIKELY
@@ -89,8 +89,7 @@ def one_rotor(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
 
 
 def _efforts(guess: RecordingGuess) -> set[tuple[str, str]]:
-    named = ("current", "command", "voltage")
-    return {(c.channel, _place(guess, c.column)) for c in guess.columns if c.channel.partition("_")[0] in named}
+    return {(c.channel, _place(guess, c.column)) for c in guess.columns if c.channel.partition("_")[0] in EFFORTS}
 
 
 def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:

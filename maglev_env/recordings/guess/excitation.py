@@ -48,14 +48,13 @@ def _moves(values: np.ndarray) -> bool:
 
 def _common_period(moving: Mapping[tuple[str, str], np.ndarray]) -> tuple[int, str]:
     """Samples of the longest period that a channel shows, and that channel; 0 where none repeats."""
-    found = [(p[0], name) for (_, name), values in moving.items() if (p := period_of(values))]
-    return max((one for one in found if not _wanders(moving, *one)), default=(0, ""))
+    found = [(p[0], name) for (_, name), v in moving.items() if (p := period_of(v)) and not _wanders(v, p[0])]
+    return max(found, default=(0, ""))
 
 
-def _wanders(moving: Mapping[tuple[str, str], np.ndarray], period: int, name: str) -> bool:
-    """Whether a channel's steps come a sample earlier or later each time, as those of 0.3 Hz at 2 kHz do: they repeat
+def _wanders(values: np.ndarray, period: int) -> bool:
+    """Whether steps (samples,) come a sample earlier or later each time, as those of 0.3 Hz at 2 kHz do: they repeat
     nearly, and samples would seem to be missing."""
-    values = next(v for (_, own), v in moving.items() if own == name)
     later = values[period:] if values.size >= 3 * period else values  # before the first period it may rest
     return bool(steps_in(values) and np.any(later[period:] != later[:-period]))
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maglev_env.channels import EFFORTS
 from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
@@ -42,7 +43,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
         guess: of one file.
         dataset: the file, read by it.
     """
-    effort = next((name for name in ("current", "command", "voltage") if name in dataset), None)
+    effort = next((name for name in EFFORTS if name in dataset), None)
     if "displacement" not in guess.channels or guess.rotor.value != "suspended" or effort is None:
         return guess
     moved, known = guess.channels["displacement"], guess.gains or guess.form
@@ -56,7 +57,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     asked = follows > -_FOLLOWS and not (why or turned or known or moved.stated)
 
     def faced(column: ColumnGuess) -> ColumnGuess:
-        if column.channel in ("current", "command", "voltage"):
+        if column.channel in EFFORTS:
             return _asking(column, TOTAL)
         if column.channel not in _POSITIONS:
             return column
