@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from maglev_env.experiment import Experiment
+from maglev_env.loop.bodies import mass_ratios
 from maglev_env.loop.effect import Effects, effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, reshaped, with_distances_over
@@ -51,8 +52,10 @@ class LaneValues:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """Moving mass (kg) including the effect mass, (n,)."""
-        return self.rig("mass") * (1 + self.effect("mass"))
+        """Mass (kg) of the mover, including the effect mass and without bodies on springs that belong to it, (n,)."""
+        ratio = sum(mass_ratios(self))
+        hung = self.effect("support_resonance", "inside") * ratio / (1 + ratio)
+        return self.rig("mass") * (1 + self.effect("mass")) * (1 - hung)
 
     @cached_property
     def laws(self) -> tuple[ForceLaw | SingleSidedLaw | None, ...]:

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
 from maglev_env.loop.effect import meaningful
 from maglev_env.rig.rig import Rig
-from sim2real.coefficients import UNITS
+from sim2real.coefficients import UNITS, misfit
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.simulated import tolerances, unseen_by_all
 from sim2real.recorded.not_stable import not_stable
@@ -19,12 +18,11 @@ from sim2real.recorded.records import Record
 from sim2real.search.fitting import Fit, begin, differentiate, iterate
 from sim2real.search.hypotheses import REPLACED, Hypothesis
 from sim2real.search.valleys import held_at_nominal
+from sim2real.search.where_it_stands import where_it_stands
 
 MOST_STEPS = 20  # of one pass
 PASSES, MOST_PASSES = 2, 8  # of the fit to recordings without a period
-SETTLED = 0.3  # standard deviations that a coordinate may move in the last pass
-# Relative changes of gain and stiffness from which a fit starts where the rotor falls under the nominal ones.
-BESIDE = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+SETTLED = 0.3  # standard errors, widened for what the model leaves, that a coordinate may move in the last pass
 
 
 def fitted(
@@ -60,7 +58,7 @@ def fitted(
             if stood is not None:
                 problem, u = stood  # under drives that were put right further, the rotor falls
                 break
-            if (found := _beside(problem, h)) is None:
+            if (found := where_it_stands(problem, h)) is None:
                 raise ValueError(_lost(rig, records, problem, h, u))
             fit = found
         iterate([fit], problem.data, problem.simulate, MOST_STEPS)
@@ -68,29 +66,14 @@ def fitted(
         stood = problem, u
         if opened:
             problem, u = _about(problem, h, u)
-        moved = np.abs(u - before) / np.sqrt(np.maximum(np.diag(fit.covariance()), 1e-300))
+        sure = np.sqrt(np.maximum(max(misfit(fit), 1.0) * np.diag(fit.covariance()), 1e-300))
+        moved = np.abs(u - before) / sure
         if count >= least and (moved < SETTLED).all():
             break
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
     return problem, fit, [*others, *held_at_nominal(problem, fit)]
-
-
-def _beside(problem: Problem, h: Hypothesis) -> Fit | None:
-    """The best of the rigs beside the nominal one under which the rotor stands in all recordings; None: there is none.
-
-    A large motion is held by a few percent of the magnets' pull.
-    """
-    changed = [(i, c) for i, c in enumerate(h.coordinates) if c.effect in ("actuator_gain", "negative_stiffness")]
-    starts = []
-    for changes in product(BESIDE, repeat=len(changed)):
-        u = np.zeros(h.size)
-        for (i, c), change in zip(changed, changes, strict=True):
-            u[i] = c.to_bounds(c.at(change))
-        starts.append(u)
-    best = min(begin([h] * len(starts), starts, problem.data, problem.simulate), key=lambda fit: fit.cost)
-    return best if np.isfinite(best.cost) else None
 
 
 def _carried(h: Hypothesis, near: Fit) -> np.ndarray:

@@ -74,6 +74,9 @@ EFFECTS: Mapping[str, EffectCard] = {
             "frequency": RESONANCE_FREQUENCY,
             "damping_ratio": RESONANCE_DAMPING,
             "mass_ratio": Parameter("", 0.0, 2.0, 0.05, scale=0.02, starts=(0.01,)),
+            # 1: mover and bodies together were weighed, as of a rotor that bends. A support that gives way shows the
+            # same, because its mode is added to the motion of the whole mass.
+            "inside": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=1.0),
             # A further body is looked for at every frequency, as the first one is.
             "further_ratio": Parameter("", 0.0, 2.0, 0.0, scale=0.02, shape=0.1, added=True),
             "further_frequency": Parameter(
@@ -82,11 +85,13 @@ EFFECTS: Mapping[str, EffectCard] = {
             "further_damping": Parameter("", 1e-3, 0.7, 0.02, shape=1.0, starts=(0.07,), added=True),
         },
         "a second body on a spring on the mover (a support that gives way, a rotor that bends); frequency: that of the "
-        "second body while the mover is fixed; in another form with a further body, at a multiple of that frequency",
+        "second body while the mover is fixed; in other forms the part `inside` of its mass is in the stated one, and "
+        "there is a further body, at a multiple of that frequency",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
         form_share=0.003,
+        plain_kernel=("inside",),
     ),
     "cross_coupling": EffectCard(
         "mechanics",

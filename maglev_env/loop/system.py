@@ -18,7 +18,7 @@ class Values(Protocol):
 
     @property
     def mass(self) -> np.ndarray:
-        """Moving mass (kg) including the effect mass, (n,)."""
+        """Mass (kg) of the mover, including the effect mass and without bodies on springs that belong to it, (n,)."""
         ...
 
     @property

@@ -82,18 +82,19 @@ def read_recording(
     time = combined.pop("time", np.zeros(0))
     try:
         clock = check_clock(time, rate)
+        if clock.instants is not None and (regular := regular_stamps(time, _readings(combined))) is not None:
+            clock = check_clock(regular, rate)
+            clock = replace(clock, notes=(STAMPED, *clock.notes))
     except ValueError as error:
         raise ValueError(f"{path}: channel 'time': {error}") from None
-    if clock.instants is not None and (regular := regular_stamps(time, _readings(combined))) is not None:
-        clock = check_clock(regular, rate)
-        clock = replace(clock, notes=(STAMPED, *clock.notes))
     alarms += clock_alarms(clock, rate, spec.start)
     one_axis = campaign.rig if campaign.rig is not None and campaign.rig.axes == 1 else None
+    periodic = any(e.periodic for e in spec.excitations)
     for name, values in combined.items():
         if name.partition("_")[0] not in MEASURED or not np.ptp(values):
             continue
         for column in spec.channels[name].columns:  # a mean of several probes would hide the clipping of one
-            alarm, at = touched_rail(name, column, raw[column][window], values, rate, spec.start, one_axis)
+            alarm, at = touched_rail(name, column, raw[column][window], values, rate, spec.start, one_axis, periodic)
             if alarm:
                 alarms.append(alarm)
                 # A command at a limit is what acted; a reading there hides what was.
@@ -116,6 +117,8 @@ def read_recording(
         **rig,
     }
     dataset = _dataset(channels, rate, spec.file, spec.role, spec.excitations, experiment)
+    for name in stand_ins:
+        dataset[name].attrs["integrated"] = 1
     dataset = dataset.assign_coords(_ticks(campaign, spec, combined, clock))
     looked_at = dataset if clock.rows is None else dataset.assign_coords(row=("time", clock.rows))
     alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]

@@ -4,18 +4,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-# Weights of a sample and of its neighbours that cubics cancel in.
-_CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6
-_TOLD = 0.15  # standard error of the share of the jitter that the readings show, from which it decides
-_SHARE = 0.5
+_NEIGHBOURS = np.array([-2, -1, 1, 2])
+_TOLD = 4.0  # standard errors from which the readings decide
+_FEWEST = 100
 
 
 def regular_stamps(time: np.ndarray, channels: Iterable[np.ndarray]) -> np.ndarray | None:
     """The stamps of a regular clock, where the readings show that the samples were taken by one.
 
-    A sample that is taken later by d reads v d more, with v the velocity. What a sample differs by from a cubic through
-    its neighbours is regressed on that, for the jitter of all of them: the slope is 1 where the samples jitter as their
-    stamps do, and 0 where only the stamps do, as those of a serial monitor.
+    A reading that moves smoothly lies near the cubic through its neighbours, if these are placed where they were taken.
+    Each sample is predicted once at the stamps and once at regular instants; the placing that predicts better is right.
+    Noise spoils both alike: each error is divided by what noise of one size makes of it.
 
     Args:
         time: s, (samples,), rising.
@@ -30,28 +29,31 @@ def regular_stamps(time: np.ndarray, channels: Iterable[np.ndarray]) -> np.ndarr
         return None
     counts = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(steps / usual), 1))])
     step, begin = np.polyfit(counts, time, 1)
-    late = (time - begin) / step - counts  # in steps
-    share, se = _shown(late - late.mean(), counts, channels)
-    return begin + step * counts if se < _TOLD and share + 2 * se < _SHARE else None
+    whole = np.convolve(np.diff(counts, prepend=counts[0] - 1) == 1, np.ones(5), "same") > 4.5  # no gap nearby
+    at = np.flatnonzero(whole[2:-2]) + 2
+    if at.size < _FEWEST:
+        return None
+    told = max((_better_regular(counts, time / step, values, at) for values in channels), key=abs, default=0.0)
+    return begin + step * counts if told > _TOLD else None
 
 
-def _shown(late: np.ndarray, counts: np.ndarray, channels: Iterable[np.ndarray]) -> tuple[float, float]:
-    """Share of the jitter that readings show, and its standard error: of the reading that tells it best."""
-    whole = np.convolve(np.diff(counts, prepend=counts[0] - 1) == 1, np.ones(7), "same") > 6.5  # no gap nearby
-    best = (0.0, np.inf)
-    for values in channels:
-        x = np.convolve(np.gradient(values) * late, _CUBIC, "same")
-        r = np.convolve(values, _CUBIC, "same")
-        keep = whole.copy()
-        keep[:4] = keep[-4:] = False
-        x, r = x[keep], r[keep]
-        power = float(x @ x)
-        if not power or x.size < 100:
-            continue
-        share = float(r @ x) / power
-        # Neighbouring differences share samples: the errors of the product are summed over them.
-        product = (r - share * x) * x
-        lagged = sum(2 * float(product[k:] @ product[:-k]) for k in range(1, _CUBIC.size))
-        se = float(np.sqrt(max(product @ product + lagged, product @ product))) / power
-        best = min(best, (share, se), key=lambda one: one[1])
-    return best
+def _better_regular(regular: np.ndarray, stamped: np.ndarray, values: np.ndarray, at: np.ndarray) -> float:
+    """By how many standard errors regular instants predict the samples `at` better than their stamps do."""
+    gained = _errors(stamped, values, at) ** 2 - _errors(regular, values, at) ** 2
+    off = gained - gained.mean()
+    # Neighbouring errors share samples, so their products are counted, too.
+    shared = sum(2 * float(off[k:] @ off[:-k]) for k in range(1, _NEIGHBOURS.size + 1))
+    power = float(off @ off)
+    return float(gained.sum() / np.sqrt(max(power + shared, power))) if power else 0.0
+
+
+def _errors(instants: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """What samples differ by from the cubic through two neighbours on either side, in units of its noise, (at,)."""
+    near = at[:, None] + _NEIGHBOURS
+    apart = instants[near] - instants[at][:, None]
+    weights = np.ones(near.shape)
+    for one in range(_NEIGHBOURS.size):
+        for other in range(_NEIGHBOURS.size):
+            if one != other:
+                weights[:, one] *= apart[:, other] / (apart[:, other] - apart[:, one])
+    return (values[at] - (weights * values[near]).sum(axis=1)) / np.sqrt(1 + (weights**2).sum(axis=1))

@@ -131,16 +131,16 @@ class View:
         names = [name for name in KINDS if name in self.channels]
         samples = self.channels[names[0]].size
         length = int(np.clip(2 ** int(np.log2(max(samples / SEGMENTS, 1))), SHORTEST, LONGEST))
+        if samples < length:  # too short to tell anything
+            return Lines(np.zeros(0), {name: np.zeros((1, 0)) for name in names}, False, np.zeros(0, int))
         starts = np.arange(0, samples - length + 1, length // 2)
         window = np.hanning(length + 1)[:-1]
         bins = np.unique(np.geomspace(3, TOP * length, MOST_BINS).astype(int))
         parts = {}
         for name in names:
             x = self.channels[name]
-            cut = (
-                np.stack([x[s : s + length] - x[s : s + length].mean() for s in starts]) if starts.size else x[None, :0]
-            )
-            parts[name] = np.fft.rfft(cut * window, axis=-1)[:, bins] if starts.size else np.zeros((0, bins.size))
+            cut = np.stack([x[s : s + length] - x[s : s + length].mean() for s in starts])
+            parts[name] = np.fft.rfft(cut * window, axis=-1)[:, bins]
         return Lines(bins * self.rate / length, parts, False, np.zeros(0, int))
 
     @cached_property

@@ -18,6 +18,7 @@ from sim2real.search.hypotheses import (
 from sim2real.search.joint import joint_pairs
 from sim2real.search.screening import Start, extended, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
+from sim2real.search.where_it_stands import LAW, where_it_stands
 
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
 DRIFTS = 2  # per round: pairs with a drift that are fitted beside these
@@ -86,10 +87,13 @@ def _freed(problem: Problem, singles: Sequence[Fit], known: Collection[frozenset
 
 
 def _together(problem: Problem, bases: Sequence[Fit], singles: Sequence[Fit], known: Sequence[Fit]) -> list[Fit]:
-    """Fits of pairs that no seed leads to, where they promise more than the known ones."""
+    """Fits of pairs that no seed leads to, where they promise more than the known ones.
+
+    Where the rotor falls by the nominal rig, gain and stiffness of its magnets may both be stated wrong.
+    """
     base = next((f for f in bases if np.isfinite(f.cost) and f.jacobian is not None), None)
     if base is None:
-        return []
+        return _another_law(problem, bases[-1].hypothesis, singles)
     least = min((f.cost for f in known), default=np.inf)
     tried = {frozenset(f.hypothesis.effects) for f in known}
     proposed = [p for p in joint_pairs(problem, base, singles, tried) if p.cost < least - SECOND]
@@ -97,6 +101,17 @@ def _together(problem: Problem, bases: Sequence[Fit], singles: Sequence[Fit], kn
     share_calibrations(fits, base)
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
     return fits
+
+
+def _another_law(problem: Problem, h: Hypothesis, singles: Sequence[Fit]) -> list[Fit]:
+    """The fit of gain and stiffness together, from where the rotor stands."""
+    if not {(name,) for name in LAW} <= {f.hypothesis.effects for f in singles}:
+        return []
+    fit = where_it_stands(problem, h.instead(*LAW))
+    if fit is None:
+        return []
+    iterate([fit], problem.data, problem.simulate, FIRST + ITERATIONS)
+    return [fit]
 
 
 def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.ndarray:

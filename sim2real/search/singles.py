@@ -28,7 +28,9 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
 
     Returns:
         The best fit of each effect; where it may sit at other places, one in its plain form and one there. What is
-        elsewhere has its form free, so that after a few steps it is ahead, and it may end in a minimum of its own.
+        elsewhere has its form free, so that after a few steps it is ahead, and it may end in a minimum of its own. An
+        effect with which the rotor falls at every start is among them, with an infinite cost: beside another one it
+        may stand.
     """
     fits: list[Fit] = []
     unexplained, reached = seeds[-1].cost, current_reached(problem)
@@ -50,7 +52,13 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
     tried = dict.fromkeys(_kind(f) for f in fits)
     best = [min((f for f in fits if _kind(f) == own), key=lambda f: f.cost) for own in tried]
     iterate(best, problem.data, problem.simulate, ITERATIONS, [asked] * len(best))
-    return best
+    standing = {f.hypothesis.effects for f in best}
+    return best + [_fallen(problem, seeds[-1], name) for name in names if (name,) not in standing]
+
+
+def _fallen(problem: Problem, seed: Fit, name: str) -> Fit:
+    h = seed.hypothesis.instead(name)
+    return Fit(h, extended(h, np.zeros(len(h.coordinates)), seed), problem.data, np.inf)
 
 
 def _kind(fit: Fit) -> tuple[tuple[str, ...], tuple[str, ...]]:

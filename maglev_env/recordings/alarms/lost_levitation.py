@@ -27,6 +27,8 @@ def lost_levitation(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = Non
     stay = max(STAY_SAMPLES, round(STAY * rate))
     for name in _of_kind(dataset, "displacement"):
         y, end = dataset[name].values, name.removeprefix("displacement")
+        if dataset[name].attrs.get("integrated"):
+            continue  # an accelerometer's drift says nothing of where the rotor is
         efforts = [dataset[kind + end].values for kind in ("command", "voltage", "current") if kind + end in dataset]
         if not efforts:
             continue  # nothing says that it is levitated

@@ -6,9 +6,19 @@ from maglev_env.recordings.alarms.alarm import Alarm, in_small_units
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 from maglev_env.rig.rig import Rig
 
+# A command at its limit is what acted. Where it stands as it was recorded, more of it does no harm, up to here.
+MOST_LIMITED = 0.5
+
 
 def touched_rail(
-    name: str, column: str, raw: np.ndarray, values: np.ndarray, rate: float, start: int = 0, rig: Rig | None = None
+    name: str,
+    column: str,
+    raw: np.ndarray,
+    values: np.ndarray,
+    rate: float,
+    start: int = 0,
+    rig: Rig | None = None,
+    periodic: bool = True,
 ) -> tuple[Alarm | None, np.ndarray]:
     """A reading stays at its extreme value, or reaches the end of the rig's converter.
 
@@ -20,6 +30,7 @@ def touched_rail(
         rate: Hz.
         start: Sample of the file at which both begin.
         rig: The nominal rig of one axis, for its converter.
+        periodic: The recording is read at the lines of a period; otherwise a command acts as it was recorded.
 
     Returns:
         The alarm, and the samples at the rail, (samples,) bool.
@@ -34,15 +45,12 @@ def touched_rail(
             at, what = at | beyond, f"reaches the converter's range of +-{in_small_units(reach, 'm')}"
     if not at.any():
         return None, at
-    first, few = int(np.argmax(at)), at.mean() <= MOST_MASKED
+    acts = name.startswith("command")
+    first, few = int(np.argmax(at)), at.mean() <= (MOST_LIMITED if acts and not periodic else MOST_MASKED)
     text = (
         f"channel {name!r} (column {column!r}) is clipped at {raw[first]:g} from {first / rate:.4g} s (sample "
         f"{start + first}) on: it {what} in {at.mean():.2%} of the samples"
     )
-    kept = (
-        "it is used as it stands, as a limit of the controller acts"
-        if name.startswith("command")
-        else "they are masked"
-    )
+    kept = "it is used as it stands, as a limit of the controller acts" if acts else "they are masked"
     text += f"; {kept}" if few else "; nothing can be identified from it: record with less amplitude or gain"
     return Alarm("rail", name, first / rate, text, "warning" if few else "refuse"), at

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from maglev_env.channels import EFFORTS, MEASURED
+from maglev_env.recordings.formats.time_stamps import JITTERED_RATE_TOLERANCE, STEP_TOLERANCE
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.columns.scaling import NO_UNIT
-from maglev_env.recordings.guess.evidence import LIKELY
+from maglev_env.recordings.guess.evidence import LIKELY, STATED, Guess
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
 from maglev_env.recordings.guess.suspended import CENTRE, DIRECTION, asked_for_the_centre
 
@@ -66,6 +67,34 @@ def _agree(one: RecordingGuess, other: RecordingGuess) -> bool:
     """Whether two files with the same columns take each for the same channel, where it does not rest."""
     both = zip(one.columns, other.columns, strict=True)
     return all(a.channel == b.channel or a.resting or b.resting for a, b in both)
+
+
+def one_clock(guesses: Sequence[RecordingGuess]) -> list[Guess]:
+    """The rate of each file, with one for all whose clocks jitter about nearly the same.
+
+    The mean rate of such a clock differs from run to run, and it is no other one for that. The rate that most have is
+    taken, of several the first.
+
+    Args:
+        guesses: one for each file.
+    """
+    jittering = [g for g in guesses if g.jitter > STEP_TOLERANCE and g.rate.value and g.rate.confidence < STATED]
+    found = []
+    for guess in guesses:
+        jitters = any(g is guess for g in jittering)
+        near = [g for g in jittering if jitters and _nearly(g.rate.value, guess.rate.value)]
+        values = [g.rate.value for g in near]
+        model = max(near, key=lambda g: values.count(g.rate.value), default=guess)
+        clock = guess.rate
+        if model.rate.value != clock.value:
+            said = f"{model.rate.value:g} Hz, that of {model.file}, because the clock jitters; here {clock.reason}"
+            clock = replace(clock, value=model.rate.value, reason=said)
+        found.append(clock)
+    return found
+
+
+def _nearly(one: float, other: float) -> bool:
+    return abs(one / other - 1) < JITTERED_RATE_TOLERANCE
 
 
 def one_rotor(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:

@@ -43,7 +43,6 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
     if time is not None:
         steps = np.diff(time) * scale
         middle = float(np.median(steps))
-        jitter = float(np.std(steps[np.abs(steps - middle) < 0.5 * middle]) / middle)
         if not 1e-7 < middle < 10:
             return Guess("sample_rate", None, f"steps of {middle:g} s in column {label}", 0.0, "sample rate in Hz")
         if scale == 1 and middle == 1:
@@ -54,9 +53,8 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
         few = bool(np.mean(times != 1) < _FEW_GAPS)
         mean = float((time[-1] - time[0]) * scale / (times.sum() if few else time.size - 1))
         rate = _nice(1 / mean, _SURELY * _unsure(steps[times == 1]))
-        reason = (
-            f"{rate:g} Hz: mean step of column {label} {mean:.6g} s, median {middle:.6g} s, jitter {jitter:.2g} rms"
-        )
+        reason = f"{rate:g} Hz: mean step of column {label} {mean:.6g} s, median {middle:.6g} s, "
+        reason += f"jitter {jitter_of(time):.2g} rms"
         if not few and abs(mean / middle - 1) > 0.01:
             return Guess(
                 "sample_rate", _nice(1 / middle), f"{reason}: samples are missing", LIKELY, "sample rate in Hz"
@@ -107,9 +105,10 @@ def time_scale(time: np.ndarray, numbers: Mapping[str, float]) -> tuple[float, s
 
 
 def jitter_of(time: np.ndarray) -> float:
-    """Largest deviation of a time step from the mean step, as a share of it."""
+    """rms of the steps of a column of time (samples,) about their median, as a share of it; of usual steps alone."""
     steps = np.diff(time)
-    return float(np.abs(steps / steps.mean() - 1).max())
+    middle = np.median(steps)
+    return float(np.std(steps[np.abs(steps - middle) < 0.5 * middle]) / middle)
 
 
 def _unsure(steps: np.ndarray) -> float:

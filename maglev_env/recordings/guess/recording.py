@@ -17,7 +17,7 @@ from maglev_env.recordings.guess.controllers import asked_of, controllers, resca
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.gaps import whole
-from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate
+from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate, jitter_of
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 
 _CARRIES = 2.0  # mean current over its standard deviation that holds a weight
@@ -36,6 +36,7 @@ class RecordingGuess:
         controller: what the command says of the controller.
         gains: as a campaign takes them; None where they are not known.
         form: a controller of another form, as a campaign takes it; None where there are gains, or none is known.
+        jitter: rms of the steps of its time, as a share of one; 0 without a time.
         rotor: "suspended" or "supported", or None.
         notes: what else was seen.
         part: first sample that is used, and how many; None: the whole file.
@@ -52,6 +53,7 @@ class RecordingGuess:
     notes: tuple[str, ...] = ()
     part: tuple[int, int] | None = None
     form: Mapping[str, Any] | None = None
+    jitter: float = 0.0
 
     @property
     def channels(self) -> dict[str, ColumnGuess]:
@@ -140,6 +142,7 @@ def guess_recording(
         notes=(*file.notes, *found.unused),
         part=part,
         form=form,
+        jitter=0.0 if clock is None else jitter_of(clock),
     )
 
 

@@ -40,6 +40,7 @@ _SINGLE = {"m": ("displacement", "reference", "gap_estimate"), "s": ("time",)}
 _WORD = 3  # letters from which a name is a word
 _BRACKETS = re.compile(r"^(.*?)[\s_,]*[\[(<{]\s*(?:in\s+)?([^\])>}]+?)\s*[\])>}]\s*$")
 _BEHIND = re.compile(r"^(.*\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+(?:/[^\s/]+)?)$")
+_RATIO = re.compile(r"^(.+?)[_\s]([a-zµμ]+_s2?)$")  # a name that a program made of m/s2
 _LAST = re.compile(r"^(.+?)[_\s]([A-Za-zµμ]{1,7})$")
 
 
@@ -65,6 +66,8 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
     for pattern in (_BRACKETS, _BEHIND):
         if (found := pattern.match(header)) and (unit := known_unit(found[2])):
             return found[1].strip(" _,"), unit
+    if (found := _RATIO.match(header)) and (unit := known_unit(found[2].replace("_", "/"))):
+        return found[1], unit
     if found := _LAST.match(header):
         # A single last letter may as well be an index or "measured": of those only the units' own capitals count, and
         # m and s behind a whole word for a length or a time.

@@ -6,7 +6,7 @@ from pathlib import Path
 from maglev_env.recordings.alarms.alarm import Alarm, alarms_of
 from maglev_env.recordings.campaign import Campaign, parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
-from maglev_env.recordings.guess.evidence import OPEN, STATED
+from maglev_env.recordings.guess.evidence import OPEN
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
 from maglev_env.recordings.guess.suspended import around_the_centre, facing_the_magnet
 from maglev_env.recordings.recording import read_recording
@@ -59,11 +59,10 @@ def verified(guess: RecordingGuess, folder: Path, cuts: int = 0) -> RecordingGue
 
 def _levitated(guess: RecordingGuess, folder: Path, lost: Alarm) -> RecordingGuess:
     """The guess of the longest stretch that levitates; what was guessed or stated of the columns stays."""
-    stated = guess.rate.value if guess.rate.confidence == STATED else None
-    part = guess_recording(folder / guess.file, rate=stated, part=lost.stretch, columns=guess.columns)
+    part = guess_recording(folder / guess.file, rate=guess.rate.value, part=lost.stretch, columns=guess.columns)
     notes = dict.fromkeys((*guess.notes, *part.notes, f"alarm: {lost.sentence}; that stretch is taken"))
     rotor = max(guess.rotor, part.rotor, key=lambda one: one.confidence)
-    return replace(part, file=guess.file, notes=tuple(notes), rotor=rotor)
+    return replace(part, file=guess.file, rate=guess.rate, notes=tuple(notes), rotor=rotor)
 
 
 def guessed_campaign(

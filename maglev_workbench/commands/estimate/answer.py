@@ -26,6 +26,7 @@ AT_THIS_MOTION = (
     "these are of the linear response at this motion, and the excitation does not tell how far a smaller one differs; "
     "name the rig, and its force law is fitted"
 )
+LACKS = 2.0  # times the noise, from which on what the rig's model leaves is worth a look for a second body
 LEAST_OWN = 0.05  # share of a band's standard error that is its own, where a common one is taken off
 STEADY = (
     4.0  # mean square of the bands' deviations, in their standard errors, up to which a coefficient is one constant
@@ -93,7 +94,8 @@ def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Poole
         linear: whether the rig could not be fitted, although it is named: responses alone take any motion for small.
     """
     if pooled is not None:
-        return _of_all(pooled)
+        jumps = (_second_body(found) for _, found in results if pooled.misfit > LACKS)
+        return f"{_of_all(pooled).removesuffix('.')}{next(filter(None, jumps), '')}."
     file, found = max(results, key=lambda one: len(trusted(one[1].bands)))
     among = f"{file}: " if len(results) == 1 else f"{file}, which bounds most of {len(results)} recordings: "
     sure = trusted(found.bands)

@@ -47,7 +47,7 @@ def new(
     from maglev_env.loop.magnets.kinds import MAGNETS
     from maglev_env.recordings.files import write_text_atomic
     from maglev_env.recordings.formats.json_data import plain
-    from maglev_env.recordings.guess.agreed import agreed, like_most, one_rotor, without_motion
+    from maglev_env.recordings.guess.agreed import agreed, like_most, one_clock, one_rotor, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.suspended import below_the_magnet
@@ -118,6 +118,12 @@ def new(
     guesses = [
         guess if columns is None else guess_recording(file, rate=guess.rate.value, columns=columns)
         for file, guess, columns in zip(read, guesses, like_most(guesses), strict=True)
+    ]
+    guesses = [
+        guess
+        if clock == guess.rate
+        else replace(guess_recording(file, rate=clock.value, columns=guess.columns), rate=clock, notes=guess.notes)
+        for file, guess, clock in zip(read, guesses, one_clock(guesses), strict=True)
     ]
     stated = questions.ask_rig(stated) if asking else stated
     inside, copied = bring(read, folder)

@@ -61,6 +61,7 @@ FORMS = {
     "two bodies": (
         effect("support_resonance", 60.0, mass_ratio=0.1, further_ratio=0.05, further_frequency=2.2), 1e-6,
     ),
+    "a body inside the mass": (effect("support_resonance", 150.0, mass_ratio=0.5, inside=0.8), 1e-6),
     "hysteresis under ripple": (effect("hysteresis", 0.3, width=0.05, ripple=20.0), 2e-2),
     "static friction": (
         effect("friction", 0.2, velocity=1e-4, presliding=2e-6, static=1.5, stribeck=2e-3, viscous=3.0), 1e-2,

@@ -254,6 +254,20 @@ def test_a_further_body_adds_its_dynamic_mass():
     np.testing.assert_allclose(found.plant, expected, rtol=1e-6)
 
 
+def test_a_body_inside_the_stated_mass_is_a_mode_beside_the_motion_of_the_whole():
+    # A rotor that bends, as modal analysis has it: the whole mass moves, and a mode of the free rotor is added.
+    body = {"frequency": 60.0, "damping_ratio": 0.03, "mass_ratio": 0.6, "inside": 1.0}
+    s = 2j * np.pi * LINES[LINES < 1000.0]
+    found = loop_response(of(effects={"support_resonance": body}), LINES[LINES < 1000.0])
+    grown = 1.6  # mover and body against each other, beside the body alone
+    w, ratio = 2 * np.pi * 60.0 * np.sqrt(grown), 0.03 * np.sqrt(grown)
+    compliance = (1 / s**2 + 0.6 / (s**2 + 2 * ratio * w * s + w**2)) / FREE.mass
+    plain = loop_response(of(), LINES[LINES < 1000.0])
+    bearing = FREE.support_damping * s + FREE.support_stiffness + linearise(force_law(FREE))[1]
+    expected = plain.plant * (FREE.mass * s**2 + bearing) / (1 / compliance + bearing)
+    np.testing.assert_allclose(found.plant, expected, rtol=1e-6)
+
+
 def test_under_ripple_hysteresis_takes_its_share_of_a_fast_current_alone():
     slow = LINES[LINES < 1000.0]  # beyond, the sampled loop makes images of the lag
     held = loop_response(of(effects=effect("hysteresis", 0.2, width=0.05, ripple=20.0)), slow)

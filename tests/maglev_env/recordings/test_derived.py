@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from maglev_env.recordings.alarms.alarm import alarms_of
+from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.derived import coil_current, displacements, integrated_twice
+from maglev_env.recordings.recording import read_recording
 
 RATE = 2000.0
 T = np.arange(4000) / RATE
@@ -37,3 +40,28 @@ def test_a_coil_does_not_start_with_the_kick_of_a_step():
 def test_a_recorded_displacement_is_kept():
     found, notes = displacements({"acceleration_x": T, "displacement_y": T, "acceleration_y": T}, RATE)
     assert set(found) == {"displacement_x"} and len(notes) == 1
+
+
+def test_the_drift_of_an_integrated_acceleration_is_no_lost_levitation(tmp_path):
+    # As long as a sweep takes, and with an accelerometer's noise: integrated, it wanders over millimetres.
+    rng = np.random.default_rng(2)
+    t = np.arange(40_000) / RATE
+    moved = 20.0 * np.sin(2 * np.pi * 40 * t) + 0.5 * rng.normal(size=t.size)
+    np.savez(tmp_path / "run.npz", acc=moved, i=0.3 + 0.1 * np.sin(2 * np.pi * 40 * t) + 1e-3 * rng.normal(size=t.size))
+    (tmp_path / "campaign.toml").write_text(
+        f"""schema = "maglev-campaign/1"
+rig = "hmb_free"
+[[recording]]
+file = "run.npz"
+sample_rate = {RATE}
+excitation = {{ kind = "none" }}
+[recording.channels]
+acceleration = {{ from = "acc" }}
+current = {{ from = "i" }}
+""",
+        encoding="utf-8",
+    )
+    loaded = load_campaign(tmp_path)
+    dataset = read_recording(loaded, loaded.recordings[0], alarmed=True)
+    assert np.ptp(dataset["displacement"].values) > 2 * loaded.rig.clearance
+    assert not [a for a in alarms_of(dataset) if a.code == "lost levitation"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_env.recordings.guess.agreed import agreed, like_most, one_controller, one_rotor, without_motion
+from maglev_env.recordings.guess.agreed import agreed, like_most, one_clock, one_controller, one_rotor, without_motion
 from maglev_env.recordings.guess.columns.stated_columns import with_stated
 from maglev_env.recordings.guess.evidence import Guess
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
@@ -164,3 +164,19 @@ def test_other_gains_of_one_controller_keep_its_time_constants():
 def test_a_controller_without_a_filter_keeps_its_derivative():
     (same,) = one_controller([guessed("a.csv", kp=7500.0, ki=0.0, kd=4.9, td=0.0, ti=120.0)])
     assert same.gains["kd"] == 4.9 and same.gains["td"] == 0.0
+
+
+def test_clocks_that_jitter_about_nearly_the_same_rate_have_one(tmp_path):
+    rng = np.random.default_rng(3)
+
+    def clock(name, rate, jitter, samples=2000):
+        time = np.cumsum((1 + rng.uniform(-jitter, jitter, samples)) / rate)
+        np.savez(tmp_path / name, t=time, pos_mm=rng.normal(size=samples), i=rng.normal(size=samples))
+        return guess_recording(tmp_path / name)
+
+    wandering = [clock("a.npz", 46.4, 0.3), clock("b.npz", 46.4, 0.3), clock("c.npz", 46.98, 0.3)]
+    assert wandering[2].rate.value != wandering[0].rate.value
+    other, steady = clock("d.npz", 52.3, 0.3), clock("e.npz", 47.1, 0.0)
+    found = one_clock([*wandering, other, steady])
+    assert len({c.value for c in found[:3]}) == 1 and "jitters" in found[2].reason
+    assert [c.value for c in found[3:]] == [other.rate.value, steady.rate.value]

@@ -15,6 +15,7 @@ from maglev_env.recordings.missing_readings import garbled_stamps
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.stamped_late import regular_stamps
 from maglev_env.redundancy.rules import examine_recording
+from maglev_env.rig.excitation import Excitation
 
 SAMPLES, RATE = 1000, 200.0
 TIME = 5231 + 5 * np.arange(SAMPLES)  # ms
@@ -186,3 +187,27 @@ def test_stamps_that_jitter_alone_are_regular_and_true_jitter_is_resampled(noise
     np.testing.assert_allclose(np.diff(found), 1 / RATE, rtol=1e-4)
     assert regular_stamps(late, [read(late)]) is None
     assert regular_stamps(late, [rng.normal(size=late.size)]) is None  # noise does not tell
+
+
+def test_a_loop_whose_ticks_wander_is_not_taken_for_a_regular_one_with_late_stamps():
+    # A slow controller that waits after each tick: what it is late stays, and its readings are coarse.
+    rng = np.random.default_rng(5)
+    ticks = np.cumsum(0.0204 + rng.uniform(-0.9e-3, 2.1e-3, 2800))
+    moved = sum(np.sin(2 * np.pi * f * ticks + f) for f in (0.3, 0.7, 1.9))
+    reading = np.round(moved + 0.03 * rng.normal(size=ticks.size), 2)
+    assert regular_stamps(np.round(ticks, 3), [reading, np.round(np.gradient(reading), 1)]) is None
+
+
+@pytest.mark.parametrize(("kind", "severity"), [("none", "warning"), ("multisine", "refuse")])
+def test_a_command_that_is_often_at_its_limit_counts_where_it_acts_as_it_was_recorded(tmp_path, kind, severity):
+    rng = np.random.default_rng(3)
+    command = np.clip(0.7 + 0.5 * rng.normal(size=SAMPLES), 0.0, None)
+    np.savetxt(tmp_path / "r.csv", np.c_[TIME, GAP, np.repeat(command[::3], 3)[:SAMPLES]], "%.6f", ",",
+               header="millis,gap_mm,current_A", comments="")  # fmt: skip
+    loaded, spec = campaign(tmp_path, "r.csv")
+    as_command = {"command": spec.channels["current"], **{k: v for k, v in spec.channels.items() if k != "current"}}
+    spec = replace(spec, channels=as_command)
+    if kind != "none":
+        spec = replace(spec, excitations=(Excitation("multisine", "current", RATE / 500, (1, 9), 0.1),))
+    dataset = read_recording(loaded, spec, alarmed=True)
+    assert [a.severity for a in alarms_of(dataset) if a.code == "rail"] == [severity]

@@ -93,6 +93,11 @@ def test_a_gain_that_is_poorly_known_hides_no_second_body():
     gain = ActuatorEstimate(192.0, -7.7e5, 0.0, share * 192, 1.0, 0.1, 1.0, 0.0)
     text = estimate_answer([("run.mat", identification(bands=bands, mass=mass, actuator=gain))], None)
     assert "as where a second body resonates" in text
+    loose = Coefficient("delay", "s", 1e-5, 1.0, 0.0, False)
+    for misfit in (1.0, 1700.0):
+        of_all = estimate_answer([("run.mat", identification(bands=bands, mass=mass, actuator=gain))],
+                                 Pooled((loose,), misfit, (), {}))  # fmt: skip
+        assert ("bound no coefficient; from" in of_all and "a second body resonates" in of_all) == (misfit > 2)
 
 
 def test_all_recordings_together_answer_where_the_rig_was_fitted():
