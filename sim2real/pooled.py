@@ -32,6 +32,7 @@ from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, d
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.fitting import Fit
+from sim2real.second_body import body_in_words, with_second_body
 
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
@@ -79,6 +80,9 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     if (late := lateness(problem, fit)) is not None:
         records = without_current(records)
         problem, fit, others = fitted(records, rest=False)
+    if (bent := with_second_body(problem, fit)) is not None:
+        progress("a second body")
+        problem, fit, others = fitted(records, bent)
     whole, differ = along_both(rig, problem, fit, others)
     of_each, apart, scattered, contradictions = {}, [], set(), []
     if static is not None:
@@ -103,9 +107,8 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
     told_late = None if late is None else in_words(late)
-    notes = tuple(
-        filter(None, [told_late, *differ, exact_mass(records), None if static is None else drift_in_words(static)])
-    )
+    drifted = None if static is None else drift_in_words(static)
+    notes = tuple(filter(None, [told_late, body_in_words(fit), *differ, exact_mass(records), drifted]))
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(

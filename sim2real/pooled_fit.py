@@ -19,6 +19,7 @@ from sim2real.search.fitting import Fit, begin, differentiate, iterate
 from sim2real.search.hypotheses import REPLACED, Hypothesis
 from sim2real.search.valleys import held_at_nominal
 from sim2real.search.where_it_stands import where_it_stands
+from sim2real.second_body import BODY
 
 MOST_STEPS = 20  # of one pass
 PASSES, MOST_PASSES = 2, 8  # of the fit to recordings without a period
@@ -32,7 +33,7 @@ def fitted(
 
     Args:
         records: of one campaign.
-        near: a fit of the same rig to begin with, where the rotor stands there.
+        near: a fit of the same rig to begin with, where the rotor stands there; a second body that it has stays.
         rest: whether the means of a mass at rest are used.
 
     Raises:
@@ -40,11 +41,13 @@ def fitted(
     """
     rig = records[0].nominal
     hidden = unseen_by_all(records)
-    names = tuple(
+    names = [
         name for name in (*UNITS, *_poles_left_out(rig)) if meaningful(name, rig.capabilities) and name not in hidden
-    )
+    ]
+    more = () if near is None else tuple(name for name in near.hypothesis.effects if name == BODY)
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
-    h = Hypothesis(names, allowed, scales=rig.scales)
+    given = {} if near is None else near.hypothesis.given
+    h = Hypothesis((*names, *more), allowed, scales=rig.scales, given=given)
     u = np.zeros(h.size) if near is None else _carried(h, near)
     problem = assemble(records, near=None if near is None else h.point(u), rest=rest, crossed=True)
     start = u

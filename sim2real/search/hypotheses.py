@@ -106,6 +106,7 @@ class Hypothesis:
         usual: Relative standard deviations of time constants of which no tolerance is stated: they move only beside the
             effect that stands for them.
         held: Effects whose coordinates stay at zero.
+        given: Effect -> values of coordinates of its form that are known.
     """
 
     effects: tuple[str, ...]
@@ -115,6 +116,7 @@ class Hypothesis:
     shaped: tuple[str, ...] = ()
     usual: Mapping[str, float] = field(default_factory=dict)
     held: tuple[str, ...] = field(default=(), kw_only=True)
+    given: Mapping[str, Mapping[str, float]] = field(default_factory=dict, kw_only=True)
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -199,7 +201,7 @@ class Hypothesis:
         """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""
         effects: dict[str, dict[str, float]] = {}
         for c, value in zip(self.coordinates, u, strict=False):
-            effects.setdefault(c.effect, {})[c.parameter] = c.value(float(value))
+            effects.setdefault(c.effect, dict(self.given.get(c.effect, {})))[c.parameter] = c.value(float(value))
         rest = u[len(self.coordinates) :]
         changes = {n: float(v) * self.sigma(n) for n, v in zip(self.calibrated, rest, strict=True)}
         for name, shape in self.shapes.items():

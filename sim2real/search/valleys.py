@@ -27,6 +27,8 @@ def held_at_nominal(problem: Problem, fit: Fit) -> list[Fit]:
         sd = float(np.sqrt(covariance[i, i]))
         if c.scale is None or not sd or abs(fit.u[i]) < FAR * sd:
             continue
+        if any(other.scale is None for other in h.coordinates if other.effect == c.effect):
+            continue  # a mode has no nominal frequency
         if c.parameter == "change" and sd * c.scale < WIDE and abs(fit.u[i]) * c.scale < BEYOND:
             continue
         held = replace(h, held=(c.effect,))
