@@ -14,7 +14,7 @@ BODY = "support_resonance"
 # What is known as the mass was weighed with all that hangs on it. The scale of gain and stiffness rests on that.
 INSIDE = {BODY: {"inside": 1.0}}
 LACKS = 10.0  # times the noise that one mass must leave
-EXPLAINS = 0.25  # of what it leaves, what a second body may leave
+EXPLAINS = 0.1  # of what it leaves, what a second body may leave
 STEPS = 40
 
 
