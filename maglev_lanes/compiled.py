@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from hashlib import sha256
 from inspect import getclosurevars
+from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 
 from maglev_lanes.layout import FAST
 from maglev_lanes.pair import Pair, overload_pairs, teach_pairs
-from maglev_lanes.pieces import register
+from maglev_lanes.pieces import EXACT, INLINED, register
 
 OWN = ("maglev_lanes", "estimation", "selfsense", "maglev_env")  # packages whose code ends up in kernels
 
@@ -84,14 +85,20 @@ def _uncollected() -> None:
 
 
 def fingerprint(function: Callable) -> int:
-    """A number that changes with the code of a function, of every own function that it reaches, and their constants.
+    """A number that changes with the code of a function, of every own function that it reaches, and their constants,
+    and with how pieces are compiled.
 
     Comments, docstrings, and functions of the same files that it does not use leave it unchanged.
     """
-    found = sha256()
+    found = sha256(_way_of_compiling())
     for part in _parts(function, set()):
         found.update(repr(part).encode())
     return int(found.hexdigest()[:15], 16)
+
+
+@cache
+def _way_of_compiling() -> bytes:
+    return repr((sorted(FAST), INLINED, EXACT)).encode() + Path(__file__).with_name("piece_compiler.py").read_bytes()
 
 
 def _parts(value: object, seen: set[int]) -> Iterator[object]:

@@ -51,7 +51,9 @@ def teach_pairs() -> None:
     from numba.core import types
     from numba.extending import overload
 
-    overload_pairs(overload, types, INLINED)
+    from maglev_lanes.piece_compiler import PieceCompiler
+
+    overload_pairs(overload, types, INLINED | {"pipeline_class": PieceCompiler})
 
 
 def overload_pairs(overload: Callable, types: ModuleType, options: Mapping[str, object]) -> None:

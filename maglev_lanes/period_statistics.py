@@ -44,6 +44,11 @@ class PeriodStatistics:
         found.periods, found._mean, found._second = periods, mean, second
         return found
 
+    @property
+    def gathered(self) -> tuple[np.ndarray, np.ndarray]:
+        """What `of` takes: mean and second."""
+        return self._mean, self._second
+
     def add(self, spectra: np.ndarray) -> None:
         """Add a period's amplitudes (channels, lines, 2, LANES), real and imaginary parts, which are overwritten."""
         self.periods += 1

@@ -66,9 +66,11 @@ def register() -> None:
     """
     from numba.extending import register_jitable
 
+    from maglev_lanes.piece_compiler import PieceCompiler
+
     while _waiting:
         function, content, options = _waiting.pop()
         if _content(function) != content:
             raise RuntimeError(f"{function.__qualname__}: a variable that this piece uses changed after it was marked")
         if _made[content] is function:
-            register_jitable(**options)(function)
+            register_jitable(**options, pipeline_class=PieceCompiler)(function)

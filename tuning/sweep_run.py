@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.gains import gain_values, of_axis
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
+from maglev_lanes.threads import one_ahead
 from tuning.sweep import Sweep, controllers, description, points
 from tuning.sweep_file import read_sweep, write_sweep
 
@@ -21,8 +23,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from maglev_lanes.schedule import Workers
+    from maglev_lanes.shared_pool import SharedPool
 
 CHUNK = 256  # gain sets that are stored together
+_GROUPS = 4  # of ON_GPU, evaluated together: each is simulated while the one before is judged
+JUDGED_APART = 4096  # gain sets of a GPU from which on processes judge them, which take seconds to start
 SPEC = "sweep.json"
 
 
@@ -122,24 +127,39 @@ def _made(
     """Chunks and their columns as they are finished."""
     if workers is None:
         # A chunk alone would keep two threads busy.
-        on_cpu = bool(chunks) and chunks[0].sweep.device == "cpu"
-        size = (threads or os.cpu_count() or 1) if on_cpu else ON_GPU // CHUNK
-        for start in range(0, len(chunks), size):
-            yield from _together(chunks[start : start + size], threads, progress)
+        on_cpu, cores = bool(chunks) and chunks[0].sweep.device == "cpu", threads or os.cpu_count() or 1
+        size = cores if on_cpu else _GROUPS * ON_GPU // CHUNK
+        apart = not on_cpu and cores > 1 and sum(map(len, chunks)) >= JUDGED_APART
+        parts = (chunks[start : start + size] for start in range(0, len(chunks), size))
+        made = one_ahead((part, [e for chunk in part for e in chunk.experiments()]) for part in parts)
+        with _judges(cores) if apart else nullcontext() as judges:
+            for part, experiments in made:
+                yield from _together(part, experiments, threads, progress, judges)
         return
     for i, columns in workers.each(_Chunk.columns, chunks):
         yield chunks[i], columns
         progress(len(chunks[i]))  # after the caller has stored the chunk
 
 
+def _judges(processes: int) -> "AbstractContextManager[SharedPool]":
+    """Processes that judge what a GPU simulates: threads would wait for one another's turn with the interpreter."""
+    from maglev_env.evaluation.judging import ready
+    from maglev_lanes.shared_pool import shared_pool
+
+    return shared_pool(processes, ready)
+
+
 def _together(
-    chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None]
+    chunks: Sequence[_Chunk],
+    experiments: Sequence[Experiment],
+    threads: int | None,
+    progress: Callable[[int], None],
+    judges: "SharedPool | None",
 ) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
     """Chunks and their columns, evaluated together: a chunk is too little for many threads and for a GPU."""
     from maglev_env.evaluation.evaluate import evaluate
 
-    experiments = [e for chunk in chunks for e in chunk.experiments()]
-    whole = _columns(evaluate(experiments, threads, progress, device=chunks[0].sweep.device))
+    whole = _columns(evaluate(experiments, threads, progress, device=chunks[0].sweep.device, judges=judges))
     bands, stop = whole.pop("bands"), 0
     for chunk in chunks:
         start, stop = stop, stop + len(chunk)

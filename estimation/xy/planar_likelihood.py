@@ -9,6 +9,9 @@ k_xx, k_xy, k_yx, k_yy, c_xx, c_xy, c_yx, c_yy.
 import numba as nb
 import numpy as np
 
+from maglev_lanes.piece_compiler import PieceCompiler
+from maglev_lanes.pieces import INLINED
+
 # Changes of the cost that count as converged: for the estimate, and while searching for a bound (a bound lies where
 # the cost has risen by about 2).
 _FINE, _ROUGH = 1e-9, 1e-4
@@ -16,9 +19,10 @@ _ITERATIONS = 100
 _WALK = 45
 
 _compiled = nb.njit(cache=True, nogil=True, error_model="numpy")
+_inner = nb.njit(nogil=True, error_model="numpy", pipeline_class=PieceCompiler, **INLINED)
 
 
-@_compiled
+@_inner
 def _line(u, n, w, m, t):
     """Error e (2), its covariance S and the covariance C of one line with channels u and noise n."""
     z11, z12 = complex(t[0] - m[0] * w * w, w * t[4]), complex(t[1], w * t[5])
@@ -34,21 +38,21 @@ def _line(u, n, w, m, t):
     return e1, e2, s11, s12, s22, c11, c12, c21, c22
 
 
-@_compiled
+@_inner
 def _copy(values, to):
     """Eight numbers one by one: for arrays, whose shapes could differ, the compiler needs seconds."""
     for j in range(8):
         to[j] = values[j]
 
 
-@_compiled
+@_inner
 def _solved(s11, s12, s22, a, b):
     """S^-1 (a, b)."""
     scale = 1.0 / (s11 * s22 - s12.real * s12.real - s12.imag * s12.imag)
     return (s22 * a - s12 * b) * scale, (s11 * b - np.conj(s12) * a) * scale
 
 
-@_compiled
+@_inner
 def _cost(u, noise, record, w, m, t):
     total = 0.0
     for i in range(w.size):
@@ -58,7 +62,7 @@ def _cost(u, noise, record, w, m, t):
     return total
 
 
-@_compiled
+@_inner
 def _expand(u, noise, record, w, m, t, g, h, scale):
     """Half gradient g (8) and exact half Hessian h (8, 8; lower triangle); scale: positive part of its diagonal."""
     g[:] = 0.0
@@ -104,7 +108,7 @@ def _expand(u, noise, record, w, m, t, g, h, scale):
                     h[j + 4, k + 4] -= wi * wi * part.real
 
 
-@_compiled
+@_inner
 def _newton(g, h, scale, damp, held, a, x):
     """x = -(h + damp scale)^-1 g with coefficient `held` fixed (-1: none); returns False if not positive definite."""
     for j in range(8):
@@ -137,7 +141,7 @@ def _newton(g, h, scale, damp, held, a, x):
     return True
 
 
-@_compiled
+@_inner
 def _minimise(u, noise, record, w, m, t, held, tolerance):
     """Damped Newton search from t, which is moved to the minimum; returns the cost there."""
     g, h, scale = np.empty(8), np.empty((8, 8)), np.empty(8)
@@ -169,7 +173,7 @@ def _minimise(u, noise, record, w, m, t, held, tolerance):
     return cost
 
 
-@_compiled
+@_inner
 def _bound(u, noise, record, w, m, best, cost0, j, threshold, start, ridge):
     """Value of coefficient j at which its profile cost has risen by threshold; infinite if it never does.
 
@@ -214,7 +218,7 @@ def _bound(u, noise, record, w, m, best, cost0, j, threshold, start, ridge):
     return np.inf if start > 0.0 else -np.inf
 
 
-@_compiled
+@_inner
 def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
     """Sandwich standard errors and related values of `estimate`, from the inverse half Hessian.
 
@@ -227,7 +231,7 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
     rest = rest_square = 0.0
     turn = np.zeros((periods.size, 8, 4, 4), np.complex128)
     alike, alike_square = np.zeros(periods.size), np.zeros(periods.size)
-    b_of, z = np.empty(4, np.complex128), np.empty((2, 2), np.complex128)
+    b_of, z, half = np.empty(4, np.complex128), np.empty((2, 2), np.complex128), np.empty((4, 4), np.complex128)
     y, v, a_of = np.empty(2, np.complex128), np.empty(2, np.complex128), np.empty(4, np.complex128)
     for i in range(lines):
         wi, n = w[i], noise[record[i]]
@@ -280,8 +284,20 @@ def _spread(u, noise, own, record, w, m, t, inverse, periods, out):
         scatter = 0.0
         for r in range(periods.size):
             # Lines of unequal noise give a pooled covariance with fewer degrees of freedom.
-            half, count = np.dot(turn[r, j], noise[r]), min(alike[r] ** 2 / alike_square[r], (record == r).sum())
-            scatter += 2.0 * (half * half.T).sum().real / (count * (periods[r] - 1.0))
+            of_record = 0.0
+            for i in range(lines):
+                of_record += record[i] == r
+            count = min(alike[r] ** 2 / alike_square[r], of_record)
+            for a in range(4):
+                for b in range(4):
+                    half[a, b] = 0j
+                    for c in range(4):
+                        half[a, b] += turn[r, j, a, c] * noise[r, c, b]
+            trace = 0.0
+            for a in range(4):
+                for b in range(4):
+                    trace += (half[a, b] * half[b, a]).real
+            scatter += 2.0 * trace / (count * (periods[r] - 1.0))
         out[8 + j] = np.sqrt(0.5 * (total[j] + scatter))
         out[16 + j] = (total[j] + scatter) / inverse[j, j]
         out[24 + j] = min((total[j] + scatter) ** 2 / square[j], most)
@@ -320,12 +336,16 @@ def estimate(u, noise, own, record, w, mass, periods, starts, out, inverses):
         _copy(t, o)
         o[32] = best
         # Values for an optimum that ran to infinity: it is unknown, and no interval is bounded.
-        o[8:16], o[16:32], inverses[lane] = np.inf, 1.0, 0.0
+        for j in range(8):
+            o[8 + j], o[16 + j], o[24 + j] = np.inf, 1.0, 1.0
+            for k in range(8):
+                inverses[lane, j, k] = 0.0
         o[33], o[34] = 2.0 * w.size - 4.0, 4.0 * w.size - 8.0
         _expand(u[lane], noise[lane], record, w, mass[lane], t, g, h, scale)
         regular = True
         for j in range(8):
-            g[:] = 0.0
+            for k in range(8):
+                g[k] = 0.0
             g[j] = -1.0
             regular = regular and _newton(g, h, scale, 0.0, none, a, x)
             if regular:

@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from maglev_env.experiment import Experiment
     from maglev_env.kernel.blocks import Block
@@ -46,9 +48,19 @@ def require_device(device: str, sensor: str = "probe") -> str:
 
 
 def simulated_groups(
-    chunks: Sequence[slice], prepared: Callable[[slice], list[Prepared]], device: str
+    chunks: Sequence[slice],
+    prepared: Callable[[slice], list[Prepared]],
+    device: str,
+    empty: Callable[[tuple[int, ...]], np.ndarray] = np.empty,
 ) -> Iterator[list[tuple[slice, list[Prepared]]]]:
-    """Chunks of experiments with what was simulated of them on a GPU, ON_GPU experiments at a time."""
+    """Chunks of experiments with what was simulated of them on a GPU, ON_GPU experiments at a time.
+
+    Args:
+        chunks: which experiments belong together.
+        prepared: gives those of a chunk with their lanes.
+        device: see DEVICES.
+        empty: makes the arrays that results are written into.
+    """
     require_device(device)
     from maglev_env.kernel.gpu import gathered_on_gpu
 
@@ -56,7 +68,7 @@ def simulated_groups(
     for start in range(0, len(chunks), together):
         own = [(chunk, prepared(chunk)) for chunk in chunks[start : start + together]]
         blocks = [block for _, parts in own for part in parts for block in part.blocks]
-        of_block = {id(done.block): done for done in gathered_on_gpu(blocks)}
+        of_block = {id(done.block): done for done in gathered_on_gpu(blocks, empty=empty)}
         yield [
             (chunk, [replace(part, gathered=[of_block[id(block)] for block in part.blocks]) for part in parts])
             for chunk, parts in own

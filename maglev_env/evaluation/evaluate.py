@@ -1,36 +1,21 @@
 """Scoring of gain sets as on a real rig: simulate the identification experiment, estimate, score."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimation.bands import band_slices, sliding_bands
-from estimation.least_squares import least_squares
-from estimation.lines.frequency_response import frequency_response, pooled_variance
-from estimation.lines.periods import LineStatistics
-from estimation.lines.smooth_loop import smooth_closed_loop
-from estimation.max_likelihood import BandEstimate, maximum_likelihood
-from estimation.stability_margins import margin_arrays
 from maglev_env.design.goals import goal_of
 from maglev_env.evaluation.devices import Prepared, simulated_groups
 from maglev_env.evaluation.evaluation import Evaluation, joined
-from maglev_env.evaluation.goal_score import goal_score, goal_terms
-from maglev_env.evaluation.known_chain import force_statistics
-from maglev_env.evaluation.requirements import Measured, large_signal_test, measured
-from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
-from maglev_env.evaluation.sensitivity import injected_sensitivity
-from maglev_env.evaluation.target import protocol_of, score_target
-from maglev_env.evaluation.worst import drawn_experiments, worst_of
-from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.evaluation.judging import Elsewhere, Judged
+from maglev_env.evaluation.score import ScoreTarget, stacked
+from maglev_env.evaluation.target import score_target
+from maglev_env.evaluation.worst import drawn_experiments
+from maglev_env.experiment import Experiment
 from maglev_env.kernel.blocks import own_lanes
-from maglev_env.kernel.simulate import SimulatedStatistics, simulate_statistics
-from maglev_env.linear.poles import pole_radii
-from maglev_env.loop.axes import AXES
-from maglev_env.loop.gains import of_axis
 from maglev_env.rig.excitation import lines_at
-from maglev_env.rig.goal import Goal
 from maglev_env.rig.rig import axis_rig
+from maglev_lanes.shared_pool import SharedPool
 from maglev_lanes.threads import one_ahead, over_threads
 
 CHUNK = 128  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
@@ -43,6 +28,7 @@ def evaluate(
     targets: Sequence[ScoreTarget] | None = None,
     bands: np.ndarray | None = None,
     device: str = "cpu",
+    judges: SharedPool | None = None,
 ) -> Evaluation:
     """Simulate, estimate and score experiments of one kind of rig; gains, parameters, effects and seeds may differ.
 
@@ -56,6 +42,7 @@ def evaluate(
         bands: Bands (b, 2), Hz; by default the sliding ones of the first rig's protocol.
         device: One of DEVICES, where the identification experiments are simulated. On a GPU sums are rounded in
             another way, so results differ from those of a processor in the last digits.
+        judges: Processes that judge what a GPU simulated, in place of threads; results do not depend on it.
 
     Raises:
         ValueError: The experiments do not share excitations and schedule, or lack a force or a current excitation; or
@@ -84,10 +71,8 @@ def evaluate(
         drawn = drawn_experiments(experiments[chunk], goal.rigs) if goal else []
         return [Prepared(part, own_lanes(part)) for part in (experiments[chunk], *drawn)]
 
-    def judged(chunk: slice, made: Sequence[Prepared]) -> Evaluation:
-        own = [stacked(one[chunk]) for one in per_axis]
-        found = [evaluated(part, own, bands, goal) for part in made]
-        return _worst(goal, found) if goal and len(found) > 1 else found[0]
+    def how(chunk: slice) -> Judged:
+        return Judged([stacked(one[chunk]) for one in per_axis], bands, goal)
 
     def done(part: Evaluation) -> None:
         parts.append(part)
@@ -95,205 +80,17 @@ def evaluate(
             progress(len(part.score))
 
     if device == "cpu":
-        for part in over_threads(lambda chunk: judged(chunk, prepared(chunk)), chunks, threads):
+        for part in over_threads(lambda chunk: how(chunk)(prepared(chunk)), chunks, threads):
             done(part)
     else:
-        for group in one_ahead(simulated_groups(chunks, prepared, device)):
-            for part in over_threads(lambda pair: judged(*pair), group, threads):
+        for group in one_ahead(simulated_groups(chunks, prepared, device, judges.empty if judges else np.empty)):
+            sent = [Elsewhere.of(made, how(chunk), judges) for chunk, made in group] if judges else [None]
+            if judges is None or None in sent:
+                found = over_threads(lambda pair: how(pair[0])(pair[1]), group, threads)
+            else:
+                found = judges.map(Elsewhere.judge, sent)
+            for part in found:
                 done(part)
+            if judges:
+                judges.forget({name for one in sent if one for name in one.names()})
     return joined(parts, np.concatenate)
-
-
-def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
-    """The first evaluation, with the score of the worst values over all, which are of one gain set on several rigs."""
-    ends = ([p.required for p in parts], [p.required_low for p in parts], [p.required_high for p in parts])
-    required, low, high = worst_of(goal, *ends)
-    own = goal_terms(goal, required)
-    feasible = np.all([part.feasible for part in parts], axis=0)
-    total = np.where(feasible, goal_score(own), 0.0)
-    return replace(
-        parts[0], required=required, required_low=low, required_high=high, terms=own, score=total, feasible=feasible
-    )
-
-
-def evaluated(
-    prepared: Prepared,
-    targets: Sequence[ScoreTarget],
-    bands: np.ndarray | None,
-    goal: Goal | None,
-) -> Evaluation:
-    """As `evaluate`, of experiments with their lanes, which are simulated here unless they were.
-
-    Args:
-        prepared: The experiments.
-        targets: Of each axis, those of all experiments (see `score.stacked`).
-        bands: As for `evaluate`.
-        goal: What the score is of.
-    """
-    experiments, blocks = prepared.experiments, prepared.blocks
-    simulated = simulate_statistics(experiments, threads=1, blocks=blocks, gathered=prepared.gathered)
-    radius = pole_radii(experiments)
-    tested = large_signal_test(goal, experiments, blocks) if goal else [{}] * len(targets)
-    parts = [
-        _of_axis(experiments, axis, simulated, radius, target, bands, goal, tested[axis])
-        for axis, target in enumerate(targets)
-    ]
-    if len(parts) == 1:
-        return parts[0]
-    # A rotor is only as good as its worse axis.
-    worse = np.argmin([part.score for part in parts], axis=0)
-    return joined(parts, lambda values: np.choose(worse.reshape(-1, *[1] * (values[0].ndim - 1)), values))
-
-
-def _of_axis(
-    experiments: Sequence[Experiment],
-    axis: int,
-    simulated: SimulatedStatistics,
-    radius: np.ndarray,
-    target: ScoreTarget,
-    bands: np.ndarray | None,
-    goal: Goal | None,
-    tested: Mapping[str, Measured],
-) -> Evaluation:
-    """Estimates and scores of one axis of simulated experiments; tested: by its large-signal test."""
-    whole, first = experiments[0], axis_experiment(experiments[0], axis)
-    band = np.array([whole.rig.target.band], dtype=float)
-    alive = np.isnan(simulated.touchdown_time)
-    of_rig = {id(e.rig): axis_rig(e.rig, axis) for e in {id(e.rig): e for e in experiments}.values()}  # mostly one
-    rigs = [of_rig[id(e.rig)] for e in experiments]
-    mass = np.array([rig.mass for rig in rigs])[alive]
-    force = force_statistics(_at_lines(simulated, first, axis, "force", ("force", "displacement")), first)
-    if bands is None:
-        protocol = protocol_of(whole.rig)
-        bands = sliding_bands(force.frequency, protocol.band_width, protocol.band_overlap)
-    sliding = maximum_likelihood(force, bands, mass, intervals=False)
-    in_target = maximum_likelihood(force, band, mass)
-    start, stop = band_slices(force.frequency, band)[0]
-    receptance, _ = frequency_response(force, "displacement", "force")
-    ls = least_squares(force.frequency[start:stop], receptance[:, start:stop], mass)
-    read = ("displacement", "command", "injection") + (("position",) if first.sensor != "probe" else ())
-    injection = _at_lines(simulated, first, axis, "current", read)
-    controllers = [of_axis(e.gains, axis) for e, lives in zip(experiments, alive, strict=True) if lives]
-    sensitivity, variance = injected_sensitivity(injection, controllers, whole.rig.control_rate)
-    if goal:
-        # The noise of S is averaged in proportion to |S|^2, as it enters at one place of the loop.
-        size = np.abs(sensitivity) ** 2
-        noise = pooled_variance(variance / size) * size
-        sensitivity, variance = smooth_closed_loop(injection.frequency, sensitivity, noise)
-    margins = margin_arrays(injection.frequency, sensitivity)
-    nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
-    probe = np.array([rig.sensor_time_constant for rig in rigs])[alive]
-    if first.sensor == "probe":
-        added_phase, margin_lost = np.full((2, len(probe)), np.nan)
-    else:
-        added_phase, margin_lost = _sensing_cost(probe, injection, sensitivity, margins)
-    ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
-    aims = ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values()))
-    scored = terms(
-        aims,
-        in_target.stiffness[:, 0],
-        in_target.damping[:, 0],
-        margins["peak_sensitivity"],
-        simulated.peak_displacement[alive],
-        simulated.current_rms[alive],
-        0.0 if first.sensor == "probe" else simulated.gap_error.rms[alive],
-    )
-    total, required = score(scored), {}
-    if goal:
-        known = _known(in_target, simulated, alive, aims, tested)
-        loop = injection.frequency, sensitivity, variance
-        required = measured(goal, force, loop, margins, known, axis_rig(whole.rig, axis).runs_away)
-        scored = goal_terms(goal, {name: m.value for name, m in required.items()})
-        total = goal_score(scored)
-    feasible = alive & (radius < 1)
-    scored = {name: _scatter(value, alive) for name, value in scored.items()}
-    return Evaluation(
-        bands=bands,
-        band_stiffness=_scatter(sliding.stiffness, alive),
-        band_damping=_scatter(sliding.damping, alive),
-        band_stiffness_se=_scatter(sliding.stiffness_se, alive),
-        band_damping_se=_scatter(sliding.damping_se, alive),
-        **{
-            name: _scatter(getattr(in_target, name)[:, 0], alive)
-            for name in ("stiffness", "stiffness_low", "stiffness_high", "damping", "damping_low", "damping_high")
-        },
-        ls_stiffness=_scatter(ls.stiffness, alive),
-        ls_damping=_scatter(ls.damping, alive),
-        margins={name: _scatter(value, alive) for name, value in margins.items()},
-        peak_sensitivity_se=_scatter(ms_se, alive),
-        peak_displacement=simulated.peak_displacement,
-        current_rms=simulated.current_rms,
-        touchdown_time=simulated.touchdown_time,
-        **{f"gap_error_{name}": values for name, values in vars(simulated.gap_error).items()},
-        added_phase=_scatter(added_phase, alive),
-        margin_lost=_scatter(margin_lost, alive),
-        pole_radius=radius,
-        terms=scored,
-        score=np.where(feasible, np.nan_to_num(_scatter(total, alive)), 0.0),
-        feasible=feasible,
-        axis=np.full(len(experiments), axis),
-        required={name: _scatter(m.value, alive) for name, m in required.items()},
-        required_low={name: _scatter(m.low, alive) for name, m in required.items()},
-        required_high={name: _scatter(m.high, alive) for name, m in required.items()},
-    )
-
-
-def _known(
-    in_target: BandEstimate,
-    simulated: SimulatedStatistics,
-    alive: np.ndarray,
-    aims: ScoreTarget,
-    tested: Mapping[str, Measured],
-) -> dict[str, Measured]:
-    """What a goal may require and the loop's responses do not show: of the large-signal test, estimate and record."""
-    known = {name: Measured(m.value[alive], m.low[alive], m.high[alive]) for name, m in tested.items()}
-    for name in ("stiffness", "damping"):
-        ends = (getattr(in_target, f"{name}{end}")[:, 0] for end in ("", "_low", "_high"))
-        known[name] = Measured(*ends)
-    for name, value in (
-        ("displacement", simulated.peak_displacement[alive] / aims.clearance),
-        ("current_rms", simulated.current_rms[alive]),
-    ):
-        known[name] = Measured(value, *np.full((2, len(value)), np.nan))
-    return known
-
-
-def _sensing_cost(
-    probe_lag: np.ndarray, injection: LineStatistics, sensitivity: np.ndarray, margins: dict[str, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cost of self-sensing compared with a probe, degrees (n,) each, from its effect on the injection lines.
-
-    Args:
-        probe_lag: Time constant of the probe, (n,), s.
-        injection: Statistics of the injection lines.
-        sensitivity: Sensitivity at these lines.
-        margins: Margins of the loop.
-
-    Returns:
-        Lag added at the crossover of the phase margin, and phase margin lost.
-    """
-    frequency = injection.frequency
-    read, was = (injection.mean[:, injection.channels.index(name)] for name in ("displacement", "position"))
-    probe = 1 / (1 + 2j * np.pi * frequency * probe_lag[:, None])
-    beyond = read / was / probe
-    with_probe = margin_arrays(frequency, 1 / (1 + (1 / sensitivity - 1) / beyond))
-    lag = -np.degrees(np.angle(beyond))
-    crossing = margins["phase_margin_frequency"]
-    added = np.array([np.interp(at, frequency, row) for at, row in zip(crossing, lag, strict=True)])
-    return np.where(np.isnan(crossing), np.nan, added), with_probe["phase_margin"] - margins["phase_margin"]
-
-
-def _at_lines(
-    simulated: SimulatedStatistics, of_axis: Experiment, axis: int, place: str, channels: Sequence[str]
-) -> LineStatistics:
-    """Channels of one axis at the lines of its excitation at a place, of experiments without a touchdown."""
-    ending = f"_{AXES[axis]}" if simulated.experiment.rig.axes == 2 else ""
-    names, alive = [f"{name}{ending}" for name in channels], np.isnan(simulated.touchdown_time)
-    found = simulated.at_lines(lines_at(of_axis.excitations, place), names, alive)
-    return replace(found, channels=tuple(channels))
-
-
-def _scatter(values: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    out = np.full((len(alive), *values.shape[1:]), np.nan)
-    out[alive] = values
-    return out

@@ -1,6 +1,6 @@
 """Statistics over periods of many blocks on a GPU; only amplitudes at lines and their statistics leave it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -28,12 +28,15 @@ def refuse_on_gpu(blocks: Sequence[Block]) -> None:
             raise ValueError("--device cuda: substeps and waves of each lane are not simulated on a GPU")
 
 
-def gathered_on_gpu(blocks: Sequence[Block], most: int | None = None) -> Iterator[Gathered]:
+def gathered_on_gpu(
+    blocks: Sequence[Block], most: int | None = None, empty: Callable[[tuple[int, ...]], np.ndarray] = np.empty
+) -> Iterator[Gathered]:
     """Simulate blocks of one schedule; results do not depend on how many are simulated together.
 
     Args:
         blocks: see `simulate.own_lanes`.
         most: blocks at a time; by default as many as the GPU's memory allows, up to MOST.
+        empty: makes the arrays that results are written into.
 
     Raises:
         ValueError: There is no GPU, or too little memory on it, or it cannot simulate these experiments.
@@ -47,7 +50,7 @@ def gathered_on_gpu(blocks: Sequence[Block], most: int | None = None) -> Iterato
     for group in groups.values():
         size = min(most or MOST, _fitting(group[0]))
         for start in range(0, len(group), size):
-            yield from list(Lanes(group[start : start + size]).gathered())  # its memory is then free for the next
+            yield from list(Lanes(group[start : start + size]).gathered(empty))  # its memory is then free for the next
 
 
 def _fitting(block: Block) -> int:
@@ -145,22 +148,27 @@ class Lanes:
         """Wait until the GPU has done all of this."""
         self._synchronised()
 
-    def gathered(self) -> Iterator[Gathered]:
-        """Simulate all periods and fetch the results."""
+    def gathered(self, empty: Callable[[tuple[int, ...]], np.ndarray] = np.empty) -> Iterator[Gathered]:
+        """Simulate all periods and fetch the results, into arrays that `empty` makes."""
         e = self.experiment
         for period in range(e.transient_periods + e.periods):
             self.advance(period, fresh=period == e.transient_periods)
             if period >= e.transient_periods:
                 self.transform()
                 self.add(period, period - e.transient_periods + 1)
-        yield from self.fetched(e.periods)
+        yield from self.fetched(e.periods, empty)
 
-    def fetched(self, periods: int) -> Iterator[Gathered]:
-        """What lies on the GPU after a number of kept periods."""
+    def fetched(self, periods: int, empty: Callable[[tuple[int, ...]], np.ndarray] = np.empty) -> Iterator[Gathered]:
+        """What lies on the GPU after a number of kept periods, in arrays that `empty` makes."""
         count, noisy = len(self.blocks), 3 * self.axes
         rows = self._rows.copy_to_host().reshape(count, -1, LANES)
-        mean = self._mean.copy_to_host().reshape(count, len(SPECTRAL) * self.axes, self._many, 2, LANES)
-        second = self._second.copy_to_host().reshape(count, noisy, noisy, self._many, 2, LANES)
+        mean = empty((count, len(SPECTRAL) * self.axes, self._many, 2, LANES))
+        second = empty((count, noisy, noisy, self._many, 2, LANES))
+        self._mean.copy_to_host(mean.reshape(-1))
+        self._second.copy_to_host(second.reshape(-1))
+        whole = empty((count, *self.states[0].rows.shape))
         for i, (block, state) in enumerate(zip(self.blocks, self.states, strict=True)):
+            whole[i] = state.rows
+            state.rows = whole[i]
             state.rows[self._step.rows] = rows[i]
             yield Gathered(block, state, PeriodStatistics.of(periods, range(noisy), mean[i], second[i]))

@@ -48,7 +48,7 @@ def test_agrees_with_python_control():
     inside = (phase_at > 2 * np.pi) & (phase_at < 2 * np.pi * 2000)
     gains, phase_at = gains[inside], phase_at[inside] / (2 * np.pi)
     high, low = np.argmin(np.where(gains > 1, gains, np.inf)), np.argmax(np.where(gains < 1, gains, 0))
-    dense = 2 * np.pi * np.geomspace(1, 2000, 100_001)
+    dense = 2 * np.pi * np.geomspace(1, 2000, 10_001)
     magnitude = np.abs(1 / (1 + system(1j * dense)))
     disk = ct.disk_margins(system, dense, skew=0.0)[0]
 
@@ -229,7 +229,7 @@ def test_a_peak_that_the_curve_alone_makes_is_called_unresolved():
     own = axis_rig(with_defaults(rig), 0)
     coarse = np.arange(5.0, 2000.0, 10.0)
     found = []
-    for f in (coarse, np.arange(2.0, 2000.0)):
+    for f in (coarse, np.arange(2.0, 2000.0, 2.0)):
         s = loop_response(Experiment(own, own.gains, ()), f).sensitivity
         found.append(margins(f, s, np.full(f.size, 1e-8), draws=0))
     assert found[0].peak_sensitivity > 5 and "not resolved" in found[0].reasons["peak_sensitivity"]

@@ -5,7 +5,7 @@ import gc
 import pytest
 from numba.core import event
 
-from maglev_lanes.compiled import compiled, fingerprint
+from maglev_lanes.compiled import _way_of_compiling, compiled, fingerprint
 
 SCALE = 2.0
 
@@ -33,6 +33,16 @@ def test_it_changes_with_constants_of_the_factory_and_of_the_functions_that_are_
     assert own(made(4.0), monkeypatch) != before
     monkeypatch.setitem(globals(), "SCALE", 5.0)
     assert own(made(3.0), monkeypatch) != before
+
+
+def test_it_changes_with_how_pieces_are_compiled(monkeypatch):
+    before = own(made(3.0), monkeypatch)
+    monkeypatch.setattr("maglev_lanes.compiled.INLINED", {"forceinline": True})
+    _way_of_compiling.cache_clear()
+    other = own(made(3.0), monkeypatch)
+    monkeypatch.undo()
+    _way_of_compiling.cache_clear()
+    assert other != before and own(made(3.0), monkeypatch) == before
 
 
 def test_it_does_not_change_with_what_is_said_of_a_function(monkeypatch):

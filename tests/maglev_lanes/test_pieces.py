@@ -108,3 +108,24 @@ def test_no_piece_stays_a_function_of_its_own_whichever_the_compiler_would_keep(
     defined = [line for line in code.splitlines() if line.startswith("define ")]
     assert any("kernel" in line for line in defined)
     assert not [line for line in defined if "polynomial" in line or "rest" in line]
+
+
+def test_the_compiler_makes_machine_code_of_the_kernel_alone_and_not_of_its_pieces():
+    from numba.core.registry import cpu_target
+
+    def kernel():
+        sources = 0
+        inner = doubled(raised(7.0))
+
+        def run(a):
+            if sources == 0:
+                return 0.0
+            return inner(a) + 0.5
+
+        return compiled(run)
+
+    assert kernel()(1.0) == 15.5
+    names = cpu_target.target_context.codegen()._engine._defined_symbols
+    own = [name for name in names if "11test_pieces" in name and "NumbaEnv" not in name]
+    assert any("test_the_compiler_makes_machine_code" in name for name in own)
+    assert not [name for name in own if "6raised" in name or "7doubled" in name]

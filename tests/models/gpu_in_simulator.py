@@ -10,13 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_env.evaluation.evaluate import evaluate
+from maglev_env.evaluation import evaluate
+from maglev_env.evaluation.judging import ready
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.blocks import Block, own_lanes
 from maglev_env.kernel.gpu import gathered_on_gpu
 from maglev_env.kernel.simulate import simulate_statistics
 from maglev_env.loop.effect import parse_effects
 from maglev_env.rig.rig_file import load_rig
+from maglev_lanes.shared_pool import SharedPool, shared_pool
 
 CASES = {
     "one axis": ("hmb_free", ()),
@@ -57,11 +59,11 @@ def figures(of: list[Experiment], blocks: list[Block], **gathered: object) -> di
     }
 
 
-def judged(of: list[Experiment], device: str) -> dict[str, np.ndarray]:
+def judged(of: list[Experiment], device: str, judges: SharedPool | None = None) -> dict[str, np.ndarray]:
     """Arrays of what was estimated of experiments of one axis, in one band that holds all lines."""
     wide = (0.5 * FUNDAMENTAL, 8.5 * FUNDAMENTAL)
     own = [replace(e, rig=replace(e.rig, target=replace(e.rig.target, band=wide))) for e in of]
-    done = evaluate(own, threads=1, bands=np.array([wide]), device=device)
+    done = evaluate.evaluate(own, threads=1, bands=np.array([wide]), device=device, judges=judges)
     return {name: getattr(done, name) for name in ("stiffness", "damping_high", "score", "feasible")} | done.margins
 
 
@@ -74,5 +76,11 @@ if __name__ == "__main__":
         for name, most in (("", None), (" in parts", 1)) if case == "one axis" else (("", None),):
             found = figures(own, blocks, gathered=list(gathered_on_gpu(blocks, most)))
             results |= {f"{case}{name}/{key}": values for key, values in found.items()}
+    evaluate.CHUNK = 7  # of experiments that are judged together: several chunks, which end within blocks
     results |= {f"judged/{key}": values for key, values in judged(experiments("one axis"), "cuda").items()}
+    with shared_pool(2, ready) as pool:
+        for turn in ("apart", "again"):  # the second time in the memory of the first
+            found = judged(experiments("one axis"), "cuda", pool)
+            results |= {f"{turn}/{key}": values for key, values in found.items()}
+        results["memories"] = len(pool.memories)
     np.savez(Path(sys.argv[1]), **results)

@@ -3,9 +3,12 @@
 Usage: python tests/tools/gpu_check.py [--out FOLDER] [--only STAGE ...] [--tiny]
 
 The extra `cuda` must be installed (see `maglev_lanes.gpu`). Stages: about, compile, agree, agree-xy, kernel, kernel-xy,
-quick, full, judge, processes. Each prints its figures as they come and, with --out, writes them into gpu_check.json
-there; one that fails prints why, and the next begins. --tiny: a few short experiments, as numba's simulator can run
-them (NUMBA_ENABLE_CUDASIM=1).
+quick, full, judge, processes, apart, sweep. Each prints its figures as they come and, with --out, writes them into
+gpu_check.json there; one that fails prints why, and the next begins. --tiny: a few short experiments, as numba's
+simulator can run them (NUMBA_ENABLE_CUDASIM=1).
+
+`--only about apart sweep` asks what judging in processes gains, in about three minutes; with --out its table also
+stands in judging.md.
 """
 
 import argparse
@@ -18,6 +21,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from traceback import print_exc
 from typing import Any
@@ -25,8 +29,9 @@ from typing import Any
 import numpy as np
 
 from maglev_env.evaluation.devices import Prepared, require_device, simulated_groups
-from maglev_env.evaluation.evaluate import CHUNK, evaluate, evaluated
+from maglev_env.evaluation.evaluate import CHUNK, evaluate
 from maglev_env.evaluation.evaluation import Evaluation
+from maglev_env.evaluation.judging import evaluated, ready
 from maglev_env.evaluation.score import stacked
 from maglev_env.evaluation.target import score_target
 from maglev_env.experiment import Experiment, protocol_experiment
@@ -38,7 +43,11 @@ from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
 from maglev_lanes.layout import LANES
 from maglev_lanes.processes import fresh_pool
+from maglev_lanes.shared_pool import shared_pool
 from maglev_lanes.threads import over_threads
+from tuning.axis import Axis
+from tuning.sweep import Sweep
+from tuning.sweep_run import run_sweep
 
 WORKERS = (1, 2, 4, 8, 16)
 SECONDS = 3.0  # of a figure of the processor
@@ -241,21 +250,91 @@ class Check:
 
     def processes(self) -> None:
         """Gain sets per second of the full protocol in as many processes of one thread each."""
-        for workers in (1,) if self.tiny else [w for w in WORKERS if w <= (os.cpu_count() or 1)]:
+        for workers in self.workers(WORKERS):
             each = 2 if self.tiny else 1024
-            with fresh_pool(workers) as pool:
-                list(pool.map(_scored_there, [(self.tiny, 2)] * workers))  # starts all
+            self.say("processes", workers=workers, **self.alone("full", workers, each))
+
+    def workers(self, numbers: Sequence[int]) -> Sequence[int]:
+        """Those that this machine has cores for."""
+        return (1,) if self.tiny else [w for w in numbers if w <= (os.cpu_count() or 1)]
+
+    def alone(self, protocol: str, workers: int, each: int) -> dict[str, float]:
+        """Gain sets per second in processes of one thread each, without a GPU; each makes its own experiments."""
+        with fresh_pool(workers) as pool:
+            list(pool.map(_scored_there, [(self.tiny, 2, protocol)] * workers))  # starts all
+            begun = perf_counter()
+            list(pool.map(_scored_there, [(self.tiny, each, protocol)] * workers))
+            return {"sets": workers * each, "per_second": workers * each / (perf_counter() - begun)}
+
+    def apart(self) -> None:
+        """Gain sets per second to the score on the GPU: judged on threads and in processes, and beside a CPU's."""
+        rows = []
+        for protocol, count in (("full", 16384), ("quick", 32768)):
+            experiments = self.experiments("hmb_free", 4 if self.tiny else count, protocol)
+            some = experiments[: 4 if self.tiny else 4096]
+            self.scored(some, device="cuda")
+            begun = perf_counter()
+            expected = self.scored(experiments, device="cuda")
+            threads = len(experiments) / (perf_counter() - begun)
+            self.say("apart", protocol=protocol, judged_on="threads", sets=len(experiments), per_second=threads)
+            rows.append((protocol, "GPU, judged on threads", threads))
+            for processes in self.workers((1, 4, 8, 16)):
                 begun = perf_counter()
-                list(pool.map(_scored_there, [(self.tiny, each)] * workers))
+                with shared_pool(processes, ready) as judges:
+                    self.scored(some, device="cuda", judges=judges)
+                    started = perf_counter() - begun
+                    begun = perf_counter()
+                    found = self.scored(experiments, device="cuda", judges=judges)
+                    seconds = perf_counter() - begun
+                figures = {"sets": len(experiments), "per_second": len(experiments) / seconds, "started_s": started}
+                same = all(
+                    np.array_equal(getattr(found, name), getattr(expected, name), equal_nan=True)
+                    for name in ("stiffness", "damping_high", "band_stiffness", "score", "pole_radius")
+                )
+                self.say("apart", protocol=protocol, judged_in=processes, same_bits=same, **figures)
+                rows.append((protocol, f"GPU, judged in {processes} processes", figures["per_second"]))
+            begun = perf_counter()
+            blocks = own_lanes(experiments)
+            prepared = perf_counter() - begun
+            begun = perf_counter()
+            for _ in gathered_on_gpu(blocks):
+                pass
+            simulated = len(experiments) / (perf_counter() - begun)
+            self.say(
+                "apart", protocol=protocol, simulated_per_second=simulated, lanes_us=prepared / len(experiments) * 1e6
+            )
+            rows.append((protocol, "GPU, simulated alone, lanes made before", simulated))
+            for workers in self.workers((1, 16)):
+                figures = self.alone(protocol, workers, 2 if self.tiny else {"full": 768, "quick": 2048}[protocol])
+                self.say("apart", protocol=protocol, processes=workers, **figures)
+                rows.append((protocol, f"no GPU, {workers} processes", figures["per_second"]))
+        if self.out:
+            lines = ["| protocol | how | gain sets per second |", "|---|---|---|"]
+            lines += [f"| {protocol} | {how} | {value:.0f} |" for protocol, how, value in rows]
+            (self.out / "judging.md").write_text("\n".join(lines) + "\n")
+
+    def sweep(self) -> None:
+        """Gain sets per second of whole sweeps to their files, as the command makes them."""
+        rig = load_rig("hmb_free")
+        points = 2 if self.tiny else 128
+        for device in ("cuda",) if self.tiny else ("cuda", "cpu"):
+            if self.tiny:
+                short = self.experiments("hmb_free", 1)[0]
+                protocol = replace(rig.protocol, excitations=short.excitations, periods=3, transient_periods=1)
+                rig = replace(short.rig, protocol=replace(protocol, band_width=1300.0, band_overlap=0.0))
+            axes = {"kp": Axis(4000.0, 16000.0, points), "kd": Axis(2.0, 12.0, points)}
+            with TemporaryDirectory() as folder:
+                begun = perf_counter()
+                run_sweep(Sweep(rig, axes, device=device), Path(folder) / "sweep")
                 seconds = perf_counter() - begun
-            self.say("processes", workers=workers, sets=workers * each, per_second=workers * each / seconds)
+            self.say("sweep", device=device, sets=points**2, seconds=seconds, per_second=points**2 / seconds)
 
 
-def _scored_there(work: tuple[bool, int]) -> int:
-    """Score as many gain sets in this process; what is returned is of no use."""
-    tiny, count = work
+def _scored_there(work: tuple[bool, int, str]) -> int:
+    """Score as many gain sets of a protocol in this process; what is returned is of no use."""
+    tiny, count, protocol = work
     check = Check(None, tiny)
-    return len(check.scored(check.experiments("hmb_free", count), threads=1).score)
+    return len(check.scored(check.experiments("hmb_free", count, protocol), threads=1).score)
 
 
 def _version(name: str) -> str:
@@ -277,7 +356,7 @@ def _shortest(work: Callable[[], None], wait: Callable[[], None], rounds: int) -
 
 def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, help="folder of gpu_check.json")
+    parser.add_argument("--out", type=Path, help="folder of gpu_check.json and judging.md")
     parser.add_argument("--only", nargs="+", help="stages")
     parser.add_argument("--tiny", action="store_true", help="few short experiments")
     asked = parser.parse_args(arguments)
@@ -293,6 +372,8 @@ def main(arguments: Sequence[str]) -> int:
         "full": lambda: check.pipeline("full"),
         "judge": check.judge,
         "processes": check.processes,
+        "apart": check.apart,
+        "sweep": check.sweep,
     }
     failed = []
     for name in asked.only or stages:

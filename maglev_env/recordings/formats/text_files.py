@@ -194,7 +194,7 @@ def _numbers(
             continue
         for j, cell in enumerate(cells[:columns]):
             if is_number(cell, layout.decimal):
-                values[i, j] = float(_FORTRAN.sub("e", cell.replace(",", ".")))
+                values[i, j] = _number(cell.replace(",", "."))
             elif (seconds := time_of_day(cell)) is not None:
                 values[i, j] = seconds
                 clocks.add(j)
@@ -203,6 +203,14 @@ def _numbers(
             else:
                 unread.cell(j, cell, number, sample + i)
     return values
+
+
+def _number(text: str) -> float:
+    """A number with a decimal point."""
+    try:
+        return float(text)
+    except ValueError:
+        return float(_FORTRAN.sub("e", text))
 
 
 def past_midnight(times: np.ndarray) -> np.ndarray:

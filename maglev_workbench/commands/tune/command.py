@@ -98,7 +98,7 @@ def tune(
         real.run(campaign, budget or BUDGET, tuned, seed, out, json_file, given(context), goal)
         return
     if method is not None:
-        method_of(method)
+        method_of(method).check_installed()  # before the imports that take long
     if is_rotor(rig):
         from maglev_workbench.commands.tune import rotor as spinning
 

@@ -61,6 +61,15 @@ def test_what_a_gpu_simulated_is_judged_alike(simulated: dict[str, np.ndarray]) 
 
 
 @pytest.mark.slow
+def test_processes_judge_with_the_same_bits(simulated: dict[str, np.ndarray]) -> None:
+    here = {key.removeprefix("judged/"): values for key, values in simulated.items() if key.startswith("judged/")}
+    assert len(here) > 10 and simulated["memories"] == 3  # means, second moments, states; the second time the same ones
+    for name, values in here.items():
+        for turn in ("apart", "again"):
+            np.testing.assert_array_equal(simulated[f"{turn}/{name}"], values, err_msg=name)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_no_row_that_the_kernel_changes_is_missed(case: str) -> None:
     block = own_lanes(experiments(case))[0]
