@@ -31,7 +31,7 @@ from sim2real.judgement.evidence import Evidence, evidence_of
 from sim2real.judgement.judge import Entry, allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 from sim2real.judgement.mechanisms import by_mechanism, renamed
-from sim2real.judgement.on_holdout import shown_by_both, spoken_against
+from sim2real.judgement.on_holdout import leaves_clear_gap, shown_by_both, spoken_against
 from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
@@ -44,6 +44,7 @@ from sim2real.search.candidates import Attribution, Candidate, best_partial, con
 from sim2real.search.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
+NO_EFFECT = ((NONE,), (CALIBRATION,))
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
 
 
@@ -252,20 +253,26 @@ def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attrib
     if refuted and not kept and shows_nothing(judged, attribution, _saved(weighed, refuted)):
         # The unknown cause, too, was weighed by what those save that the holdout refutes.
         verdicted, cause = "no_gap", ()
-        found, named = without(found, [e for e in found if e.effects not in ((NONE,), (CALIBRATION,))]), []
+        found, named = without(found, [e for e in found if e.effects not in NO_EFFECT]), []
     elif refuted:
         found, named = without(found, refuted), kept or named
         verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
         if not kept and verdict(found)[0] == "no_gap":  # what is left speaks for calibration
             verdicted, cause, named = "no_gap", (), []
     elif verdicted == "no_gap" and judged_on == "holdout" and (shown := shown_by_both(judged, attribution, named)):
-        found = without(found, [e for e in found if e not in shown])
+        unknown = leaves_clear_gap(judged, attribution, shown)
+        found = without(found, [e for e in found if (e.effects in NO_EFFECT if unknown else e not in shown)])
         named = with_effects(found)
-        kept = alternatives(named)
-        verdicted, cause = worded(kept)
+        kept = [] if unknown else alternatives(named)
+        verdicted, cause = ("unexplained", (UNKNOWN,)) if unknown else worded(kept)
+        said = " or ".join(" with ".join(e.effects) for e in kept or shown)
         notes.append(
-            "calibration alone explains the recordings that were fitted, but then leaves of the holdout what "
-            f"{' or '.join(' with '.join(e.effects) for e in kept)} explains together with them"
+            "calibration alone explains the recordings that were fitted, but then leaves of the holdout "
+            + (
+                f"a clear gap, of which {said} explains no more than a part"
+                if unknown
+                else f"what {said} explains together with them"
+            )
         )
     return _Named(verdicted, cause, found, named, kept, notes)
 

@@ -40,6 +40,20 @@ def shown_by_both(judged: Problem, attribution: Attribution, named: Sequence[Ent
     return [e for (e, _), own in zip(tried, cost, strict=True) if own < cost.min() + ABOUT]
 
 
+def leaves_clear_gap(judged: Problem, attribution: Attribution, shown: Sequence[Entry]) -> bool:
+    """Whether each of these leaves a clear gap of the holdout, wherever the fitted recordings let its parameters be.
+
+    What explains most of a gap better than calibration does need not be its cause.
+
+    Args:
+        judged: The holdout.
+        attribution: The fitted candidates.
+        shown: Hypotheses with fits.
+    """
+    fits = (attribution.candidates[e.candidate].fit for e in shown if e.candidate is not None)
+    return all(left_on(judged, fit) > CLEAR_GAP**2 * 2.0 * judged.data.size for fit in fits)
+
+
 def spoken_against(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
     """Hypotheses that the fitted recordings hardly show, and the holdout less than calibration alone.
 

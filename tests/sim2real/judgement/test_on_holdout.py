@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.on_holdout import left_on, shown_by_both, spoken_against
+from sim2real.judgement.on_holdout import leaves_clear_gap, left_on, shown_by_both, spoken_against
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
@@ -68,6 +68,19 @@ def test_a_mass_that_passed_for_a_gain_is_named_where_a_force_shows_it(mass):
     shown = shown_by_both(problem(BY_FORCE, mass), attribution, named)
     assert [e.effects for e in shown] == ([("mass",)] if mass else [])
     assert shown_by_both(problem(BY_CURRENT, mass), attribution, named) == []  # which shows no more than before
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_what_explains_a_part_of_the_holdout_alone_leaves_a_clear_gap_of_it(bent):
+    """A mass that the force shows, with or without something that no mass does there."""
+    recording = problem(BY_CURRENT, HEAVIER)
+    candidates = tuple(Candidate(fitted(recording, effects)) for effects in ((), ("mass",)))
+    attribution = Attribution(0.0, candidates, 400.0, recording)
+    holdout = problem(BY_FORCE, HEAVIER)
+    holdout.data = holdout.data + (5.0 * np.sin(np.arange(200.0)) if bent else 0.0)
+    shown = shown_by_both(holdout, attribution, [Entry(("mass",), 0.1, 0.0, 1, None)])
+    assert [e.effects for e in shown] == [("mass",)]
+    assert leaves_clear_gap(holdout, attribution, shown) == bent
 
 
 def test_what_fitted_recordings_hardly_show_and_the_holdout_does_not_is_spoken_against():
