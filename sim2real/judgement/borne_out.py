@@ -11,7 +11,7 @@ from sim2real.gap.shrink import closed, gap_of, lost
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import NO_GAP, Attribution
-from sim2real.search.hypotheses import WIDER
+from sim2real.search.hypotheses import UNKNOWN, WIDER
 
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout
 PLAINLY = 2.0  # chi-square per degree of freedom on the fitted recordings that is a gap whatever the holdout shows
@@ -84,4 +84,17 @@ def without(found: Sequence[Entry], refuted: Sequence[Entry]) -> list[Entry]:
     """All hypotheses, the most probable first, without the probability of those that the holdout refutes."""
     kept = sum(e.probability for e in found if e not in refuted) or 1.0
     now = [replace(e, probability=0.0 if e in refuted else e.probability / kept) for e in found]
+    return sorted(now, key=lambda e: -e.probability)
+
+
+def handed_on(found: Sequence[Entry], shown: Sequence[Entry]) -> list[Entry]:
+    """All hypotheses, the most probable first, where the holdout shows some instead of calibration.
+
+    An unknown cause stays as probable as it was. All else is handed on to those that are shown.
+    """
+    unknown = sum(e.probability for e in found if e.effects == (UNKNOWN,))
+    shares = sum(e.probability for e in shown) or 1.0
+    others = [e for e in found if e.effects != (UNKNOWN,)]
+    now = [replace(e, probability=(1 - unknown) * e.probability / shares if e in shown else 0.0) for e in others]
+    now += [e for e in found if e.effects == (UNKNOWN,)]
     return sorted(now, key=lambda e: -e.probability)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.on_holdout import leaves_clear_gap, left_on, shown_by_both, spoken_against
+from sim2real.judgement.on_holdout import (
+    calibration_fails,
+    leaves_clear_gap,
+    left_on,
+    shown_by_both,
+    spoken_against,
+)
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
@@ -68,6 +74,8 @@ def test_a_mass_that_passed_for_a_gain_is_named_where_a_force_shows_it(mass):
     shown = shown_by_both(problem(BY_FORCE, mass), attribution, named)
     assert [e.effects for e in shown] == ([("mass",)] if mass else [])
     assert shown_by_both(problem(BY_CURRENT, mass), attribution, named) == []  # which shows no more than before
+    # Where the fitted recordings disagree, a difference of evidence counts less.
+    assert shown_by_both(problem(BY_FORCE, mass), attribution, named, tempering=1e3) == []
 
 
 @pytest.mark.parametrize("bent", [False, True])
@@ -81,6 +89,8 @@ def test_what_explains_a_part_of_the_holdout_alone_leaves_a_clear_gap_of_it(bent
     shown = shown_by_both(holdout, attribution, [Entry(("mass",), 0.1, 0.0, 1, None)])
     assert [e.effects for e in shown] == [("mass",)]
     assert leaves_clear_gap(holdout, attribution, shown) == bent
+    assert calibration_fails(holdout, attribution) == bent
+    assert not calibration_fails(problem(BY_CURRENT, HEAVIER), attribution)
 
 
 def test_what_fitted_recordings_hardly_show_and_the_holdout_does_not_is_spoken_against():
