@@ -11,7 +11,13 @@ from sim2real.gap.fit_figures import figures
 from sim2real.judgement.borne_out import borne_out, handed_on, shows_nothing, without
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.on_holdout import calibration_fails, leaves_clear_gap, shown_by_both, spoken_against
+from sim2real.judgement.on_holdout import (
+    calibration_fails,
+    leaves_clear_gap,
+    leaves_too_much,
+    shown_by_both,
+    spoken_against,
+)
 from sim2real.judgement.sightings import Sighting
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
 from sim2real.search.candidates import Attribution
@@ -76,7 +82,7 @@ def by_holdout(fitted: Problem, judged: Problem, judged_on: str, attribution: At
     kept = alike
     if alike and judged_on == "holdout":
         kept = borne_out(judged, attribution, alike)
-        against = spoken_against(judged, attribution, kept)
+        against = [*spoken_against(judged, attribution, kept), *leaves_too_much(judged, attribution, kept)]
         kept = [e for e in kept if e not in against]
     refuted = [e for e in alike if e not in kept]
     still = [e for e in kept if _predicts_nothing(fitted, attribution, e)]
@@ -88,7 +94,8 @@ def by_holdout(fitted: Problem, judged: Problem, judged_on: str, attribution: At
     kept = [e for e in kept if e not in still]
     notes += [
         f"{' with '.join(e.effects)} would explain the recordings that were fitted, but the holdout is simulated no "
-        "better with it than without, or than by calibration alone: it is not named"
+        "better with it than without, or than by calibration alone, or with a gap that no form of it leaves: it is not "
+        "named"
         for e in refuted
     ]
     refuted += still

@@ -11,6 +11,8 @@ from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import ABOUT, NO_GAP, Attribution, Candidate
 from sim2real.search.fitting import Fit, begin, differentiate, inverse, real_product
 
+OTHER_FORM = 0.2  # share of a gap that another form of an effect may leave: a tenth in the mean at most (their cards)
+
 
 def shown_by_both(
     judged: Problem, attribution: Attribution, named: Sequence[Entry], tempering: float = 1.0
@@ -56,6 +58,28 @@ def leaves_clear_gap(judged: Problem, attribution: Attribution, shown: Sequence[
     """
     fits = (attribution.candidates[e.candidate].fit for e in shown if e.candidate is not None)
     return all(left_on(judged, fit) > CLEAR_GAP**2 * 2.0 * judged.data.size for fit in fits)
+
+
+def leaves_too_much(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
+    """Those that leave a clear gap of the holdout and more of what calibration leaves of it than another form may.
+
+    Fitted recordings tell a small effect's name from its size alone where their noise has room for its form. What grows
+    otherwise with the motion than the name says shows on recordings that no fit has seen.
+
+    Args:
+        judged: The holdout.
+        attribution: The fitted candidates.
+        named: Hypotheses.
+    """
+    asked = [(e, attribution.candidates[e.candidate].fit) for e in named if e.candidate is not None]
+    asked = [(e, fit) for e, fit in asked if fit.hypothesis.effects]
+    if not asked:
+        return []
+    noise = 2.0 * judged.data.size
+    most = OTHER_FORM * (left_on(judged, attribution.calibration.fit) - noise)
+    left = [left_on(judged, fit) for _, fit in asked]
+    too_much = [np.isfinite(own) and own > CLEAR_GAP**2 * noise and own - noise > most for own in left]
+    return [e for (e, _), more in zip(asked, too_much, strict=True) if more]
 
 
 def calibration_fails(judged: Problem, attribution: Attribution) -> bool:

@@ -73,6 +73,7 @@ def test_what_is_much_less_probable_than_calibration_is_not_named_because_others
     ]  # fmt: skip
     monkeypatch.setattr(module, "borne_out", lambda *a: [found[3]])
     monkeypatch.setattr(module, "spoken_against", lambda *a: [])
+    monkeypatch.setattr(module, "leaves_too_much", lambda *a: [])
     monkeypatch.setattr(module, "_predicts_nothing", lambda *a: False)
     weighed = SimpleNamespace(found=found, verdict="ambiguous", cause=(), evidence=None, tempering=1.0)
     named = module.by_holdout(None, None, "holdout", None, weighed)
