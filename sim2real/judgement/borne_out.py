@@ -23,8 +23,9 @@ CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: wh
 def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
     """Those with which the holdout is simulated better than on the nominal rig, better than after calibration alone
     where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. What leaves
-    most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. Tones are
-    kept: they leave the compared lines alone.
+    most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. A holdout
+    that shows no gap with what these show beyond doubt says nothing of it, as of a limit that it does not reach. Tones
+    are kept: they leave the compared lines alone.
 
     Args:
         judged: The holdout.
@@ -42,15 +43,17 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     least = nominal if alone is None or alone <= CLEAR_GAP else min(nominal, alone)
     as_stated = _as_stated(attribution)
 
-    def bears_out(left: np.ndarray) -> bool:
+    def bears_out(left: np.ndarray, saved: float) -> bool:
         gap = gap_of(left)
-        if gap is None or gap >= least or (as_stated and lost(calibrated, left) > NO_GAP):
+        if gap is None or (as_stated and lost(calibrated, left) > NO_GAP):
+            return False
+        if gap >= least and not (gap <= 1.0 and saved > CERTAIN):
             return False
         share, interval = closed(before, left, 0)
         return share is None or interval is None or share > MOST or interval[0] > 0
 
-    left = iter(after)
-    return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left))]
+    left, cost = iter(after), attribution.calibration.fit.cost
+    return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left), cost - f.cost)]
 
 
 def shows_nothing(judged: Problem, attribution: Attribution, saved: float) -> bool:
