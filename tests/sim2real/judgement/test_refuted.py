@@ -7,6 +7,7 @@ import pytest
 
 from sim2real.judgement import named as module
 from sim2real.judgement.judge import Entry
+from sim2real.search.hypotheses import Hypothesis
 
 
 def entries(calibration, unknown):
@@ -79,3 +80,14 @@ def test_what_is_much_less_probable_than_calibration_is_not_named_because_others
     named = module.by_holdout(None, None, "holdout", None, weighed)
     assert (named.verdict, named.cause, named.kept) == ("no_gap", (), [])
     assert named.found[0].effects == ("calibration",)
+
+
+@pytest.mark.parametrize(("predicted", "named"), [(0.02, True), (0.0, False), (-3.0, False)])
+def test_what_predicts_nothing_of_the_motion_is_not_named(monkeypatch, predicted, named):
+    monkeypatch.setattr(module, "figures", lambda problem, residual: SimpleNamespace(predicted=predicted))
+    fit = SimpleNamespace(hypothesis=Hypothesis(("cubic_spring",), {}), residual=None)
+    attribution = SimpleNamespace(candidates=[None, SimpleNamespace(fit=fit)])
+    entry = SimpleNamespace(candidate=1, effects=("cubic_spring",))
+    assert module._predicts_nothing(None, attribution, entry) is not named
+    tone = SimpleNamespace(candidate=None, effects=("unbalance",))
+    assert not module._predicts_nothing(None, attribution, tone)
