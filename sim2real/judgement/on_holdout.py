@@ -11,7 +11,7 @@ from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import ABOUT, NO_GAP, Attribution, Candidate
 from sim2real.search.fitting import Fit, begin, differentiate, inverse, real_product
 
-OTHER_FORM = 0.2  # share of a gap that another form of an effect may leave: a tenth in the mean at most (their cards)
+OTHER_FORM = 0.25  # share of a gap that another form of an effect may leave: a tenth in the mean at most (their cards)
 
 
 def shown_by_both(
