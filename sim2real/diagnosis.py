@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,28 +19,26 @@ from sim2real.compared.simulated import Point, unseen_by_all
 from sim2real.compared.standing import standing
 from sim2real.free.correction import free_correction
 from sim2real.free.fit import excess
-from sim2real.gap.fit_figures import figures
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
 from sim2real.judgement.belief import shipped
-from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.commands_seen import SEEN, seen_lost
-from sim2real.judgement.evidence import Evidence, evidence_of
-from sim2real.judgement.judge import Entry, allowance, entries
+from sim2real.judgement.evidence import evidence_of
+from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 from sim2real.judgement.mechanisms import by_mechanism, renamed
-from sim2real.judgement.on_holdout import shown_by_both, spoken_against
+from sim2real.judgement.named import Weighed, by_holdout
 from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
-from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
+from sim2real.judgement.verdict import verdict
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
 from sim2real.result import Diagnosis, fitted_parameters
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
-from sim2real.search.hypotheses import CALIBRATION, NONE, TONES, UNKNOWN
+from sim2real.search.hypotheses import TONES
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
@@ -78,7 +75,7 @@ def diagnose(
             f"the recorded controller is not the one described: its command is {where.controller:.0f} standard "
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
-    named = _named(fitted, judged, judged_on, attribution, weighed)
+    named = by_holdout(fitted, judged, judged_on, attribution, weighed)
     notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
     notes += named.notes
     likely = likely_of(weighed.found, weighed.evidence, shipped())
@@ -149,34 +146,7 @@ def _problems(records: Sequence[Record | OpenRecord], bench: BenchNoise) -> tupl
     return fitted, judged, judged_on, notes
 
 
-@dataclass(frozen=True)
-class _Weighed:
-    """What the fitted recordings say.
-
-    Attributes:
-        found: Every hypothesis with its probability.
-        verdict: By these, as in `Diagnosis`.
-        cause: Likewise.
-        tempering: As in `Diagnosis`.
-        seen: Tones.
-        drift: What the periods say of one of the gain; None where there are too few.
-        tones: How much tones and drift save, in units of -2 ln of the likelihood.
-        notes: Why evidence was tempered, where it was.
-        evidence: What the probabilities were computed from.
-    """
-
-    found: Sequence[Entry]
-    verdict: str
-    cause: tuple[str, ...]
-    tempering: float
-    seen: list[Sighting]
-    drift: Drift | None
-    tones: float
-    notes: list[str]
-    evidence: Evidence
-
-
-def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attribution: Attribution) -> _Weighed:
+def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attribution: Attribution) -> Weighed:
     """Probabilities and verdict by the recordings that were fitted, tones and drift of the gain among the causes."""
     base = attribution.simplest
     near = base.fit.hypothesis.point(base.fit.u)
@@ -201,88 +171,7 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
             f"by the reduced chi-square that is left, {tempering:.2g}"
         ]
     )
-    return _Weighed(found, verdicted, cause, tempering, seen, drift, sum(tones.values()), notes, evidenced)
-
-
-@dataclass(frozen=True)
-class _Named:
-    """What is named after the holdout was asked.
-
-    Attributes:
-        verdict: As in `Diagnosis`.
-        cause: Likewise.
-        found: Every hypothesis that is left, with its probability.
-        effects: Those of them that name effects.
-        kept: Those of them that are named, the most probable first.
-        notes: Why others are not.
-    """
-
-    verdict: str
-    cause: tuple[str, ...]
-    found: Sequence[Entry]
-    effects: Sequence[Entry]
-    kept: list[Entry]
-    notes: list[str]
-
-
-def _named(fitted: Problem, judged: Problem, judged_on: str, attribution: Attribution, weighed: _Weighed) -> _Named:
-    """Drop what the holdout refutes, and what predicts nothing of the motion; the verdict follows from what is left."""
-    found, verdicted, cause = weighed.found, weighed.verdict, weighed.cause
-    named = with_effects(found)
-    alike = alternatives(named) if verdicted in ("explained", "ambiguous") else []
-    kept = alike
-    if alike and judged_on == "holdout":
-        kept = borne_out(judged, attribution, alike)
-        against = spoken_against(judged, attribution, kept)
-        kept = [e for e in kept if e not in against]
-    refuted = [e for e in alike if e not in kept]
-    still = [e for e in kept if _predicts_nothing(fitted, attribution, e)]
-    notes = [
-        f"with {' and '.join(e.effects)} the simulation comes nearest, but it predicts nothing of the measured motion: "
-        "no effect is named; check the rig's magnet, gains, signs and units"
-        for e in still
-    ]
-    kept = [e for e in kept if e not in still]
-    notes += [
-        f"{' with '.join(e.effects)} would explain the recordings that were fitted, but the holdout is simulated no "
-        "better with it than without, or than by calibration alone: it is not named"
-        for e in refuted
-    ]
-    refuted += still
-    if refuted and not kept and shows_nothing(judged, attribution, _saved(weighed, refuted)):
-        # The unknown cause, too, was weighed by what those save that the holdout refutes.
-        verdicted, cause = "no_gap", ()
-        found, named = without(found, [e for e in found if e.effects not in ((NONE,), (CALIBRATION,))]), []
-    elif refuted:
-        found, named = without(found, refuted), kept or named
-        verdicted, cause = worded(kept) if kept else ("unexplained", (UNKNOWN,))
-        if not kept and verdict(found)[0] == "no_gap":  # what is left speaks for calibration
-            verdicted, cause, named = "no_gap", (), []
-    elif verdicted == "no_gap" and judged_on == "holdout" and (shown := shown_by_both(judged, attribution, named)):
-        found = without(found, [e for e in found if e not in shown])
-        named = with_effects(found)
-        kept = alternatives(named)
-        verdicted, cause = worded(kept)
-        notes.append(
-            "calibration alone explains the recordings that were fitted, but then leaves of the holdout what "
-            f"{' or '.join(' with '.join(e.effects) for e in kept)} explains together with them"
-        )
-    return _Named(verdicted, cause, found, named, kept, notes)
-
-
-def _saved(weighed: _Weighed, refuted: Sequence[Entry]) -> float:
-    """What the best of these hypotheses saves beyond calibration; that it lacks something makes it no less."""
-    cost = weighed.evidence.cost
-    best = min((cost[e.candidate] for e in refuted if e.candidate), default=np.inf)
-    return float(cost[0] - best) if np.isfinite(cost[0]) else 0.0
-
-
-def _predicts_nothing(fitted: Problem, attribution: Attribution, named: Entry) -> bool:
-    """Whether a simulation with the named effects leaves as much as one that stands still; tones do not count."""
-    if named.candidate is None or not (fit := attribution.candidates[named.candidate].fit).hypothesis.effects:
-        return False
-    found = figures(fitted, fit.residual)
-    return found is not None and found.predicted <= 0.0
+    return Weighed(found, verdicted, cause, tempering, seen, drift, sum(tones.values()), notes, evidenced)
 
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:

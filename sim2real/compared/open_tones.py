@@ -103,15 +103,31 @@ def toned(records: Sequence[Record | OpenRecord], near: Point = NOMINAL) -> list
 
     A tone of known origin is believed, and one that another record has at the same frequency: a resonance that the
     model lacks looks a little different in every record. A slow one, for which a drift may pass, must be in two records
-    in any case. Where a record shows a tone, the others are looked at again there: at one known frequency, noise passes
-    for a tone far less often than anywhere in a record.
+    in any case. Where a record shows a tone, the others are looked at again there, and those that turn at another speed
+    where the rotation makes it: at one known frequency, noise passes for a tone far less often than anywhere in a
+    record.
     """
     searched = [_searched(r, near) if isinstance(r, OpenRecord) else (r, None) for r in records]
     found = [record for record, _ in searched]
-    shown = [t.frequency for r in found for t in r.tones]
-    again = [r if left is None else _looked_again(r, left, shown) for r, left in searched if isinstance(r, OpenRecord)]
+    shown = [(r, t.frequency) for r in found for t in r.tones]
+    again = [
+        r if left is None else _looked_again(r, left, [*(f for _, f in shown), *_turning(r, shown)])
+        for r, left in searched
+        if isinstance(r, OpenRecord)
+    ]
     left = iter(again)
     return agreed([next(left) if isinstance(r, OpenRecord) else r for r in found])
+
+
+def _turning(record: OpenRecord, shown: Sequence[tuple[Record | OpenRecord, float]]) -> list[float]:
+    """Frequencies (Hz) at which tones of the rotation that other records show lie at the speed of this one."""
+    at, found = record.experiment.speed_rpm, []
+    for other, frequency in shown:
+        speed = other.experiment.speed_rpm
+        spacing = _spacing(other) if isinstance(other, OpenRecord) else other.experiment.fundamental / other.count
+        if speed > 0 and at not in (0, speed) and origin(frequency, speed, spacing) == "spin":
+            found.append(frequency * at / speed)
+    return found
 
 
 def _looked_again(record: OpenRecord, residual: Residual, frequencies: Sequence[float]) -> OpenRecord:

@@ -11,7 +11,7 @@ from sim2real.gap.shrink import closed, gap_of, lost
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import NO_GAP, Attribution
-from sim2real.search.hypotheses import WIDER
+from sim2real.search.hypotheses import UNKNOWN, WIDER
 
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout
 PLAINLY = 2.0  # chi-square per degree of freedom on the fitted recordings that is a gap whatever the holdout shows
@@ -23,8 +23,9 @@ CLEAR_GAP = 1.2  # in units of the noise, left by calibration on the holdout: wh
 def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry]) -> list[Entry]:
     """Those with which the holdout is simulated better than on the nominal rig, better than after calibration alone
     where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. What leaves
-    most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. Tones are
-    kept: they leave the compared lines alone.
+    most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. A holdout
+    that shows no gap with what these show beyond doubt says nothing of it, as of a limit that it does not reach. Tones
+    are kept: they leave the compared lines alone.
 
     Args:
         judged: The holdout.
@@ -42,15 +43,17 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     least = nominal if alone is None or alone <= CLEAR_GAP else min(nominal, alone)
     as_stated = _as_stated(attribution)
 
-    def bears_out(left: np.ndarray) -> bool:
+    def bears_out(left: np.ndarray, saved: float) -> bool:
         gap = gap_of(left)
-        if gap is None or gap >= least or (as_stated and lost(calibrated, left) > NO_GAP):
+        if gap is None or (as_stated and lost(calibrated, left) > NO_GAP):
+            return False
+        if gap >= least and not (gap <= 1.0 and saved > CERTAIN):
             return False
         share, interval = closed(before, left, 0)
         return share is None or interval is None or share > MOST or interval[0] > 0
 
-    left = iter(after)
-    return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left))]
+    left, cost = iter(after), attribution.calibration.fit.cost
+    return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left), cost - f.cost)]
 
 
 def shows_nothing(judged: Problem, attribution: Attribution, saved: float) -> bool:
@@ -84,4 +87,17 @@ def without(found: Sequence[Entry], refuted: Sequence[Entry]) -> list[Entry]:
     """All hypotheses, the most probable first, without the probability of those that the holdout refutes."""
     kept = sum(e.probability for e in found if e not in refuted) or 1.0
     now = [replace(e, probability=0.0 if e in refuted else e.probability / kept) for e in found]
+    return sorted(now, key=lambda e: -e.probability)
+
+
+def handed_on(found: Sequence[Entry], shown: Sequence[Entry]) -> list[Entry]:
+    """All hypotheses, the most probable first, where the holdout shows some instead of calibration.
+
+    An unknown cause stays as probable as it was. All else is handed on to those that are shown.
+    """
+    unknown = sum(e.probability for e in found if e.effects == (UNKNOWN,))
+    shares = sum(e.probability for e in shown) or 1.0
+    others = [e for e in found if e.effects != (UNKNOWN,)]
+    now = [replace(e, probability=(1 - unknown) * e.probability / shares if e in shown else 0.0) for e in others]
+    now += [e for e in found if e.effects == (UNKNOWN,)]
     return sorted(now, key=lambda e: -e.probability)

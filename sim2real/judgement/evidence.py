@@ -51,6 +51,8 @@ class Evidence:
         strain: Part of each candidate's cost that stated parameters make that moved far beyond their tolerance.
         nameless: Least cost of the candidates that name beside another effect one which changes nothing; inf without
             one. A stated constant that moved explains there, which only an unknown cause can stand for.
+        refused: What each single effect costs that is refused because it has no meaning where its fit ended, as
+            friction that never slides; inf of all others. What acts so has no name.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -65,6 +67,7 @@ class Evidence:
     dispersion: Dispersion = NOISE_ALONE
     strain: np.ndarray | None = None
     nameless: float = inf
+    refused: np.ndarray | None = None
 
 
 def evidence_of(
@@ -76,7 +79,7 @@ def evidence_of(
 ) -> Evidence:
     """The evidence of fitted candidates, of tones (see `unsynchronised`) and of what periods say of a drift."""
     p, candidates = attribution.problem, attribution.candidates
-    cost, nameless = _costs(attribution, drift)
+    cost, nameless, refused = _costs(attribution, drift)
     fits = [c.fit for c in candidates]
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
@@ -100,21 +103,25 @@ def evidence_of(
         NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
         np.array([_strain(c.fit) for c in candidates]),
         nameless,
+        refused,
     )
 
 
-def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, float]:
-    """Predictive cost of each candidate with what its parameters contradict, and the least of what has no name, as
-    `Evidence.cost` and `Evidence.nameless`."""
+def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, float, np.ndarray]:
+    """Predictive cost of each candidate with what its parameters contradict, and what has no name, as `Evidence.cost`,
+    `Evidence.nameless` and `Evidence.refused`."""
     p, candidates = attribution.problem, attribution.candidates
     rig, motion = p.parts[0].record.nominal, motion_reached(p)
-    cost, nameless = np.full(len(candidates), inf), inf
+    cost, nameless, refused = np.full(len(candidates), inf), inf, np.full(len(candidates), inf)
     for i, c in enumerate(candidates):
         if len(c.effects) == 1 or not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
-            own = c.predictive + scatter_cost(p, at) + stiffness_cost(at, rig) + meaningless_cost(c.fit, rig, motion)
+            own = c.predictive + scatter_cost(p, at) + stiffness_cost(at, rig)
             own += c.fit.hypothesis.beyond_stated(c.fit.u)
             own += 0.0 if drift is None else _drift_cost(p, c.fit, drift)
+            if isinf(meaning := meaningless_cost(c.fit, rig, motion)) and len(c.effects) == 1:
+                refused[i] = own
+            own += meaning
             cost[i] = own + (idle := idle_cost(at, c.effects, rig))
             nameless = min(nameless, own) if isinf(idle) else nameless
     for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
@@ -123,11 +130,12 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
         fit = candidates[i].fit
         if fit.jacobian is None and np.isfinite(fit.cost):  # what follows, and its dispersion, need one
             differentiate([fit], p.data, p.simulate, True)
-        if acts_on_one_line(p, fit) or not all(
-            shows_limit(p, fit, name, attribution.without(int(i), name)) for name in LIMITED
-        ):
+        limited = all(shows_limit(p, fit, name, attribution.without(int(i), name)) for name in LIMITED)
+        if not limited and len(candidates[i].effects) == 1:
+            refused[i] = cost[i]
+        if not limited or acts_on_one_line(p, fit):
             cost[i] = inf
-    return cost, nameless
+    return cost, nameless, refused
 
 
 def _strain(fit: Fit) -> float:

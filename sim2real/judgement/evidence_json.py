@@ -36,7 +36,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
     if cost.shape != (len(effects),) or excess.shape != (len(effects), len(groups)):
         raise TypeError("costs, excess, effects and groups do not belong together")
     kinds = {name: ChiSquare(**data["dispersion"][name]) for name in ("fit", "recordings")}
-    strain = data.get("strain")
+    strain, refused = data.get("strain"), data.get("refused")
     return Evidence(
         effects=effects,
         cost=cost,
@@ -50,6 +50,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
         dispersion=Dispersion(**kinds),
         strain=None if strain is None else _numbers(strain),
         nameless=float(_numbers([data.get("nameless")])[0]),
+        refused=None if refused is None else _numbers(refused),
     )
 
 

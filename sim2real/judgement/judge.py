@@ -17,6 +17,7 @@ from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_o
 
 WIDE_FORM = 0.01
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
+SURELY = 12.0  # cost that an effect must save beyond all named ones to show something although it has no meaning
 HOPELESS = 1e4  # ratio of probabilities from which on the smaller one does not matter
 OPEN = (FOREIGN, LOUD, DRIFT, SEEN)  # families of what varies over time that need not have a known cause
 OF_LOST = (LOUD, SEEN)  # those that lost commands explain
@@ -92,7 +93,8 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     # penalty then grows with the logarithm of the strain, and its prior is at most that of one single effect.
     bent = logs + 0.5 * strain - 0.5 * belief.freedom * np.log1p(strain / belief.freedom)
     bent -= [max(np.log(prior / priors[1]), 0.0) for _, _, prior, _ in rows[:-1]]
-    logs = np.append(logs, max(logs.max() + gain, bent.max() - belief.unknown_cost))
+    meant = _meant_by_none(evidence, of_data.min(), priors[1], excused, belief)
+    logs = np.append(logs, max(logs.max() + gain, bent.max() - belief.unknown_cost, meant))
     weights = np.exp(judge.trust.get(channels_of(evidence), 1.0) * (logs - logs.max()))
     weights /= weights.sum()
     found = [
@@ -125,6 +127,31 @@ def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.nd
 
 def _unlike(evidence: Evidence, saved: float, form: float, excused: float, belief: Belief) -> float:
     return max(saved / (belief.freedom + form), evidence.dispersion.beyond(excused) / belief.freedom)
+
+
+def _meant_by_none(evidence: Evidence, least: float, prior: float, excused: float, belief: Belief) -> float:
+    """Logarithm of the weight of what only one effect explains alone, at parameters at which it has no meaning.
+
+    A pair of names may do as well, each of which makes up for a part of it. One unknown cause is then as simple as one
+    known cause is. Where a name alone does as well, it is that.
+
+    Args:
+        evidence: What is weighed.
+        least: Cost of the best hypothesis.
+        prior: Prior odds of a single effect.
+        excused: As `allowance` says.
+        belief: The constants.
+    """
+    if evidence.refused is None or not np.isfinite(evidence.refused).any():
+        return -np.inf
+    at = int(np.argmin(evidence.refused))
+    alone = [cost for names, cost in zip(evidence.effects, evidence.cost, strict=True) if len(names) < 2]
+    if not evidence.refused[at] < min(alone) - SURELY:
+        return -np.inf
+    tones = sum(_tones_of(evidence, ()).values())
+    apart = max(evidence.refused[at] + tones - least, 0.0) / evidence.dispersion.ratio(excused)
+    freedom = 0.5 * belief.freedom * np.log1p(apart / belief.freedom)
+    return float(np.log(prior) - 0.5 * complexity(evidence.effects[at], belief) - freedom)
 
 
 def _best(evidence: Evidence) -> tuple[int, float]:

@@ -24,6 +24,7 @@ NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
 # Octaves from a fitted mode within which a tone is attributed to its ringing: at most, and per damping ratio.
 RINGING, RINGING_WIDTHS = 0.25, 8.0
+SHIFTED = 0.1  # bins of the resolution within which a tone lies where the drive shifts another one
 HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
 
@@ -35,7 +36,7 @@ class Sighting:
     Attributes:
         record: Index of the record.
         family: Its origin.
-        harmonic: Order within the family; 1 is the fundamental.
+        harmonic: Order within the family; 1 is the fundamental, 0 what the lines of the drive make of the family.
         frequency: Hz.
         size: Residual of the opened loop at that frequency, m.
         sd: Standard deviation of the size, m.
@@ -65,7 +66,7 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     for i, part in enumerate(problem.parts):
         between = [s for s in _between(i, part, point) if not (drifting and _is_trend(part, s.frequency))]
         found += between + _on_lines(i, part, point) + _bands(i, part, point, drifting)
-    found = _one_family(problem, _higher_harmonics(problem, found))
+    found = _one_family(problem, _mixed(problem, _higher_harmonics(problem, found)))
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
     axes = problem.parts[0].record.axes
@@ -108,6 +109,28 @@ def _higher_harmonics(problem: Problem, found: list[Sighting]) -> list[Sighting]
         return s
 
     return [named(s) if s.family == FOREIGN else s for s in found]
+
+
+def _mixed(problem: Problem, found: list[Sighting]) -> list[Sighting]:
+    """Assign tones of unknown origin to a clearer one of the same record that the drive shifts.
+
+    A force that is not linear, as that of a single magnet, mixes a tone with the lines of the drive: sums and
+    differences of both are seen. Without a period any frequency would be one of these.
+    """
+
+    def named(s: Sighting) -> Sighting:
+        record = problem.parts[s.record].record
+        if s.family != FOREIGN or isinstance(record, OpenRecord):
+            return s
+        spacing, off = record.experiment.fundamental, SHIFTED * _resolution(record)
+        clearer = [k for k in found if k.record == s.record and k.family not in (FOREIGN, LOUD) and k.chi2 > s.chi2]
+        for known in sorted(clearer, key=lambda k: -k.chi2):
+            apart = (abs(s.frequency - known.frequency), s.frequency + known.frequency)
+            if any(abs(f - spacing * round(f / spacing)) < off for f in apart):
+                return replace(s, family=known.family, harmonic=0)
+        return s
+
+    return [named(s) for s in found]
 
 
 def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:

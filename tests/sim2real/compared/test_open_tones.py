@@ -109,6 +109,22 @@ def test_where_one_recording_shows_a_tone_others_are_looked_at_again(read_both):
     assert [t.frequency for r in toned([noise, chirp]) for t in r.tones] == pytest.approx([61.7, 61.7], abs=0.3)
 
 
+def test_where_one_recording_shows_the_rotation_others_are_looked_at_at_their_own_speed(read_both):
+    """The same unbalance at 3702 and at 2470 rpm: noise hides the slower one among all frequencies."""
+
+    def at(record, rpm):
+        return replace(record, experiment=replace(record.experiment, speed_rpm=rpm))
+
+    noise, _ = read_both(Bench(tone=0.5 * TONE, tone_frequency=41.1))
+    _, chirp = read_both(Bench(tone=0.5 * TONE))
+    assert with_tones(chirp).tones and not with_tones(noise).tones
+    seen = [t.frequency for r in toned([at(noise, 2470.0), at(chirp, 3702.0)]) for t in r.tones]
+    assert seen == pytest.approx([41.1, 61.7], abs=0.3)
+    # At rest, or at the same speed, there is nothing else to look for.
+    assert [len(r.tones) for r in toned([at(noise, 0.0), at(chirp, 3702.0)])] == [0, 1]
+    assert [len(r.tones) for r in toned([at(noise, 3702.0), at(chirp, 3702.0)])] == [0, 1]
+
+
 def test_drives_that_explain_most_of_a_window_leave_the_frequency_alone(read, monkeypatch):
     """The drives of two axes may explain most directions of every window. A gap that moves the tone in the others by a
     fifth of a line moves it less in all of them."""

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from ball_bench import BALL, record
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from maglev_workbench.commands.estimate.recordings import identify_campaign
-from sim2real import diagnosis
 from sim2real.search.hypotheses import REPLACED, USUAL, WIDER, Hypothesis, usual_tolerances
 
 FREE = load_rig("hmb_free")
@@ -66,14 +64,3 @@ def test_a_time_constant_without_tolerance_moves_beside_its_lag_alone():
     longer[-1] = 12.0
     assert lag.point(lag.bounded(longer)).changes["sensor_time_constant"] == pytest.approx(12 * USUAL)
     assert plain.instead("delay").calibrated == ("mass",)
-
-
-@pytest.mark.parametrize(("predicted", "named"), [(0.02, True), (0.0, False), (-3.0, False)])
-def test_what_predicts_nothing_of_the_motion_is_not_named(monkeypatch, predicted, named):
-    monkeypatch.setattr(diagnosis, "figures", lambda problem, residual: SimpleNamespace(predicted=predicted))
-    fit = SimpleNamespace(hypothesis=Hypothesis(("cubic_spring",), {}), residual=None)
-    attribution = SimpleNamespace(candidates=[None, SimpleNamespace(fit=fit)])
-    entry = SimpleNamespace(candidate=1, effects=("cubic_spring",))
-    assert diagnosis._predicts_nothing(None, attribution, entry) is not named
-    tone = SimpleNamespace(candidate=None, effects=("unbalance",))
-    assert not diagnosis._predicts_nothing(None, attribution, tone)

@@ -46,6 +46,17 @@ def test_those_are_kept_that_the_holdout_bears_out(gaps, kept):
     assert borne_out(*judged(*gaps), ENTRIES[:3]) == [ENTRIES[i] for i in kept]
 
 
+@pytest.mark.parametrize(
+    ("gaps", "saved", "kept"),
+    [((0.4, 0.4, 0.45), 1e4, True), ((0.4, 0.4, 0.45), 20.0, False), ((0.95, 0.95, 1.05), 1e4, False)],
+)
+def test_a_holdout_without_a_gap_says_nothing_of_what_is_beyond_doubt(gaps, saved, kept):
+    """The voltage limits a large drive, and not that of the holdout."""
+    holdout, attribution = judged(*gaps)
+    attribution.calibration.fit.cost = 1.0 + saved
+    assert borne_out(holdout, attribution, ENTRIES[:1]) == (ENTRIES[:1] if kept else [])
+
+
 def test_the_probability_of_what_is_refuted_goes_to_the_others():
     found = without(ENTRIES, ENTRIES[:1])
     assert [e.effects[0] for e in found] == ["support_resonance", "runout", "unknown", "sensor_resonance"]

@@ -302,6 +302,23 @@ def test_what_a_stated_constant_explains_better_than_any_name_is_unknown():
     assert judged(replace(saturated, nameless=EXPECTED + 1e3 - 20.0)) == ("explained", ("saturation",))
 
 
+def test_what_one_effect_explains_where_it_has_no_meaning_is_an_unknown_cause_rather_than_two_known_ones():
+    """As a spring that creeps passes for friction that never slides, which damping beside a lag in the iron does as
+    well; here a saturation has no meaning."""
+    every = {"": 1e4, **dict.fromkeys(SINGLES, 1e4), "saturation": inf}
+    both = evidence({**every, "mass": 3e3}, pairs={"mass+friction": 0.0})
+    assert judged(both) == ("explained", ("mass", "friction"))
+    refused = np.full(both.cost.size, inf)
+    refused[both.effects.index(("saturation",))] = EXPECTED
+    assert judged(replace(both, refused=refused)) == ("unexplained", ("unknown",))
+    assert judged(replace(both, refused=refused + 500.0)) == ("explained", ("mass", "friction"))
+    # A name that does as well alone is the cause, or no cause is needed.
+    named = evidence({**every, "mass": 5.0}, pairs={"mass+friction": 0.0})
+    assert judged(replace(named, refused=refused)) == ("explained", ("mass",))
+    nothing = evidence({"saturation": inf}, pairs={"mass+friction": 0.0})
+    assert judged(replace(nothing, refused=refused)) == ("no_gap", ())
+
+
 def test_a_block_whose_stated_time_constant_grew_lags():
     lag = {"amplifier_lag": {"time_constant": 0.0}}
     assert idle(lag, {"amplifier_time_constant": 0.56}) == 0.0

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.on_holdout import left_on, shown_by_both, spoken_against
+from sim2real.judgement.on_holdout import (
+    calibration_fails,
+    leaves_clear_gap,
+    leaves_too_much,
+    left_on,
+    shown_by_both,
+    spoken_against,
+)
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
@@ -33,8 +40,8 @@ def problem(rows, mass):
     return SimpleNamespace(data=rows @ (mass, 0.0) + noise(len(rows)), simulate=simulate)
 
 
-def fitted(recording, effects=()):
-    h = Hypothesis(effects, TOLERANCES)
+def fitted(recording, effects=(), tolerances=TOLERANCES):
+    h = Hypothesis(effects, tolerances)
     (fit,) = begin([h], [np.zeros(h.size)], recording.data, recording.simulate)
     iterate([fit], recording.data, recording.simulate, 20)
     differentiate([fit], recording.data, recording.simulate, True)
@@ -68,6 +75,23 @@ def test_a_mass_that_passed_for_a_gain_is_named_where_a_force_shows_it(mass):
     shown = shown_by_both(problem(BY_FORCE, mass), attribution, named)
     assert [e.effects for e in shown] == ([("mass",)] if mass else [])
     assert shown_by_both(problem(BY_CURRENT, mass), attribution, named) == []  # which shows no more than before
+    # Where the fitted recordings disagree, a difference of evidence counts less.
+    assert shown_by_both(problem(BY_FORCE, mass), attribution, named, tempering=1e3) == []
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_what_explains_a_part_of_the_holdout_alone_leaves_a_clear_gap_of_it(bent):
+    """A mass that the force shows, with or without something that no mass does there."""
+    recording = problem(BY_CURRENT, HEAVIER)
+    candidates = tuple(Candidate(fitted(recording, effects)) for effects in ((), ("mass",)))
+    attribution = Attribution(0.0, candidates, 400.0, recording)
+    holdout = problem(BY_FORCE, HEAVIER)
+    holdout.data = holdout.data + (5.0 * np.sin(np.arange(200.0)) if bent else 0.0)
+    shown = shown_by_both(holdout, attribution, [Entry(("mass",), 0.1, 0.0, 1, None)])
+    assert [e.effects for e in shown] == [("mass",)]
+    assert leaves_clear_gap(holdout, attribution, shown) == bent
+    assert calibration_fails(holdout, attribution) == bent
+    assert not calibration_fails(problem(BY_CURRENT, HEAVIER), attribution)
 
 
 def test_what_fitted_recordings_hardly_show_and_the_holdout_does_not_is_spoken_against():
@@ -82,3 +106,16 @@ def test_what_fitted_recordings_hardly_show_and_the_holdout_does_not_is_spoken_a
     plain = problem(BY_FORCE, 0.06)
     sure = Attribution(0.0, tuple(Candidate(fitted(plain, e)) for e in ((), ("mass",))), 400.0, plain)
     assert spoken_against(problem(BY_FORCE, 0.0), sure, named) == []
+
+
+@pytest.mark.parametrize(("bent", "too_much"), [(0.0, False), (2.0, False), (8.0, True)])
+def test_a_name_that_leaves_much_of_the_gap_of_a_holdout_is_not_the_cause(bent, too_much):
+    """A mass that the fitted recordings tell, and something that grows on the holdout and is no mass."""
+    recording, stated = problem(BY_FORCE, 0.01), {"actuator_gain": 0.02}
+    candidates = tuple(Candidate(fitted(recording, effects, stated)) for effects in ((), ("mass",)))
+    attribution, named = Attribution(0.0, candidates, 400.0, recording), [Entry(("mass",), 0.8, 0.0, 1, None)]
+    holdout = problem(BY_FORCE, 0.01)
+    holdout.data = holdout.data + bent * np.sin(np.arange(200.0))
+    assert leaves_too_much(holdout, attribution, named) == (named if too_much else [])
+    tones = [Entry(("pickup",), 0.8, 0.0, None, None), Entry(("calibration",), 0.2, 0.0, 0, None)]
+    assert leaves_too_much(holdout, attribution, tones) == []

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real import diagnosis
+from sim2real.judgement import named as module
 from sim2real.judgement.judge import Entry
+from sim2real.search.hypotheses import Hypothesis
 
 
 def entries(calibration, unknown):
@@ -19,13 +20,74 @@ def entries(calibration, unknown):
 )
 def test_what_is_left_decides(monkeypatch, calibration, unknown, verdict):
     """Where calibration is then the most probable, nothing is missing."""
-    monkeypatch.setattr(diagnosis, "borne_out", lambda *a: [])
-    monkeypatch.setattr(diagnosis, "shows_nothing", lambda *a: False)
+    monkeypatch.setattr(module, "borne_out", lambda *a: [])
+    monkeypatch.setattr(module, "shows_nothing", lambda *a: False)
     evidence = SimpleNamespace(cost=np.array([108.0, 100.0]))
     weighed = SimpleNamespace(
         found=entries(calibration, unknown), verdict="explained", cause=("damping",), evidence=evidence
     )
-    named = diagnosis._named(None, None, "holdout", None, weighed)
+    named = module.by_holdout(None, None, "holdout", None, weighed)
     assert (named.verdict, named.cause) == (verdict, () if verdict == "no_gap" else ("unknown",))
     assert not named.kept and any("not named" in note for note in named.notes)
     assert sum(e.probability for e in named.found) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("clear", [False, True])
+def test_what_the_holdout_shows_is_named_where_it_leaves_no_clear_gap(monkeypatch, clear):
+    """An offset that the fitted recordings did not tell from none explained a third of the gap of a holdout."""
+    found = [Entry(("calibration",), 0.8, 100.0, 0, None), Entry(("unknown",), 0.1, 100.0, None, None)]
+    found.append(Entry(("actuator_offset",), 0.1, 102.0, 1, None))
+    monkeypatch.setattr(module, "shown_by_both", lambda *a: found[2:])
+    monkeypatch.setattr(module, "leaves_clear_gap", lambda *a: clear)
+    weighed = SimpleNamespace(found=found, verdict="no_gap", cause=(), evidence=None, tempering=1.0)
+    monkeypatch.setattr(module, "_predicts_nothing", lambda *a: False)
+    named = module.by_holdout(None, None, "holdout", None, weighed)
+    probability = {e.effects: e.probability for e in named.found}
+    if clear:
+        assert (named.verdict, named.cause, named.kept) == ("unexplained", ("unknown",), [])
+        assert probability[("unknown",)] == pytest.approx(0.5) and probability[("calibration",)] == 0.0
+    else:
+        assert (named.verdict, named.cause) == ("explained", ("actuator_offset",))
+        assert probability == pytest.approx({("actuator_offset",): 0.9, ("unknown",): 0.1, ("calibration",): 0.0})
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_where_calibration_fails_on_the_holdout_something_is_unknown(monkeypatch, fails):
+    """A tilted target passed for noise of recordings without a period; of the holdout it left 1.8 times the noise."""
+    found = [Entry(("calibration",), 0.8, 100.0, 0, None), Entry(("unknown",), 0.15, 100.0, None, None)]
+    found.append(Entry(("cogging",), 0.05, 102.0, 1, None))
+    monkeypatch.setattr(module, "shown_by_both", lambda *a: [])
+    monkeypatch.setattr(module, "calibration_fails", lambda *a: fails)
+    weighed = SimpleNamespace(found=found, verdict="no_gap", cause=(), evidence=None, tempering=1.0)
+    named = module.by_holdout(None, None, "holdout", None, weighed)
+    assert named.verdict == ("unexplained" if fails else "no_gap")
+    first = named.found[0]
+    assert (first.effects[0], first.probability) == pytest.approx(("unknown", 0.75) if fails else ("calibration", 0.8))
+
+
+def test_what_is_much_less_probable_than_calibration_is_not_named_because_others_are_refuted(monkeypatch):
+    """Four lags together were more probable than calibration, and the holdout spoke against the first three."""
+    found = [
+        Entry(("calibration",), 0.3, 100.0, 0, None), Entry(("amplifier_lag",), 0.25, 99.0, 1, None),
+        Entry(("delay",), 0.25, 99.0, 2, None), Entry(("eddy_current",), 0.1, 99.0, 3, None),
+        Entry(("unknown",), 0.1, 100.0, None, None),
+    ]  # fmt: skip
+    monkeypatch.setattr(module, "borne_out", lambda *a: [found[3]])
+    monkeypatch.setattr(module, "spoken_against", lambda *a: [])
+    monkeypatch.setattr(module, "leaves_too_much", lambda *a: [])
+    monkeypatch.setattr(module, "_predicts_nothing", lambda *a: False)
+    weighed = SimpleNamespace(found=found, verdict="ambiguous", cause=(), evidence=None, tempering=1.0)
+    named = module.by_holdout(None, None, "holdout", None, weighed)
+    assert (named.verdict, named.cause, named.kept) == ("no_gap", (), [])
+    assert named.found[0].effects == ("calibration",)
+
+
+@pytest.mark.parametrize(("predicted", "named"), [(0.02, True), (0.0, False), (-3.0, False)])
+def test_what_predicts_nothing_of_the_motion_is_not_named(monkeypatch, predicted, named):
+    monkeypatch.setattr(module, "figures", lambda problem, residual: SimpleNamespace(predicted=predicted))
+    fit = SimpleNamespace(hypothesis=Hypothesis(("cubic_spring",), {}), residual=None)
+    attribution = SimpleNamespace(candidates=[None, SimpleNamespace(fit=fit)])
+    entry = SimpleNamespace(candidate=1, effects=("cubic_spring",))
+    assert module._predicts_nothing(None, attribution, entry) is not named
+    tone = SimpleNamespace(candidate=None, effects=("unbalance",))
+    assert not module._predicts_nothing(None, attribution, tone)

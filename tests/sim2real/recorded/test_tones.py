@@ -9,7 +9,7 @@ from campaigns import campaign
 from maglev_env.loop.effect import effect
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point, residuals, settling, together
-from sim2real.judgement.sightings import Sighting, _higher_harmonics, _one_family
+from sim2real.judgement.sightings import Sighting, _higher_harmonics, _mixed, _one_family
 from sim2real.judgement.unsynchronised import evidence, spin_costs
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import families, near_tones, origin, outstanding
@@ -138,3 +138,20 @@ def test_a_tone_on_a_higher_harmonic_of_what_is_seen_belongs_to_it():
     assert _higher_harmonics(problem, [fifth, other]) == [fifth, other]
     louder = replace(fifth, chi2=2000.0)
     assert _higher_harmonics(problem, [mains, louder]) == [mains, louder]
+
+
+def test_what_lies_a_line_of_the_drive_beside_a_clearer_tone_is_mixed_of_both():
+    """Mains at 50.012 Hz in the loop of a ball whose drive has lines 4 Hz apart: tones at 14.02 and 22.02 Hz."""
+    problem = _Problem(0.0, 0.0)
+    for record in (part.record for part in problem.parts):
+        record.experiment.fundamental, record.experiment.recorded_per_period = 4.0, 1000
+        record.series = {"displacement": np.zeros((1, 6000))}
+    mains = replace(sighting("pickup 50 Hz", 1, 50.012), chi2=900.0)
+    below, mirrored, other = (sighting("foreign", 1, f) for f in (22.02, 13.98, 15.5))
+    named = [replace(s, family="pickup 50 Hz", harmonic=0) for s in (below, mirrored)]
+    assert _mixed(problem, [mains, below, mirrored, other]) == [mains, *named, other]
+    louder = replace(below, chi2=1000.0)
+    assert _mixed(problem, [mains, louder]) == [mains, louder]
+    assert _mixed(problem, [below]) == [below]
+    elsewhere = replace(below, record=1)
+    assert _mixed(problem, [mains, elsewhere]) == [mains, elsewhere]

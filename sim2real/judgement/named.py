@@ -1,0 +1,150 @@
+"""What is named of what the fitted recordings say, after the holdout was asked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.compared.drift import Drift
+from sim2real.compared.problem import Problem
+from sim2real.gap.fit_figures import figures
+from sim2real.judgement.borne_out import borne_out, handed_on, shows_nothing, without
+from sim2real.judgement.evidence import Evidence
+from sim2real.judgement.judge import Entry
+from sim2real.judgement.on_holdout import (
+    calibration_fails,
+    leaves_clear_gap,
+    leaves_too_much,
+    shown_by_both,
+    spoken_against,
+)
+from sim2real.judgement.sightings import Sighting
+from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
+from sim2real.search.candidates import Attribution
+from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
+
+NO_EFFECT = ((NONE,), (CALIBRATION,))
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What the fitted recordings say.
+
+    Attributes:
+        found: Every hypothesis with its probability.
+        verdict: By these, as in `Diagnosis`.
+        cause: Likewise.
+        tempering: As in `Diagnosis`.
+        seen: Tones.
+        drift: What the periods say of one of the gain; None where there are too few.
+        tones: How much tones and drift save, in units of -2 ln of the likelihood.
+        notes: Why evidence was tempered, where it was.
+        evidence: What the probabilities were computed from.
+    """
+
+    found: Sequence[Entry]
+    verdict: str
+    cause: tuple[str, ...]
+    tempering: float
+    seen: list[Sighting]
+    drift: Drift | None
+    tones: float
+    notes: list[str]
+    evidence: Evidence
+
+
+@dataclass(frozen=True)
+class Named:
+    """What is named after the holdout was asked.
+
+    Attributes:
+        verdict: As in `Diagnosis`.
+        cause: Likewise.
+        found: Every hypothesis that is left, with its probability.
+        effects: Those of them that name effects.
+        kept: Those of them that are named, the most probable first.
+        notes: Why others are not.
+    """
+
+    verdict: str
+    cause: tuple[str, ...]
+    found: Sequence[Entry]
+    effects: Sequence[Entry]
+    kept: list[Entry]
+    notes: list[str]
+
+
+def by_holdout(fitted: Problem, judged: Problem, judged_on: str, attribution: Attribution, weighed: Weighed) -> Named:
+    """Drop what the holdout refutes, and what predicts nothing of the motion; the verdict follows from what is left."""
+    found, verdicted, cause = weighed.found, weighed.verdict, weighed.cause
+    named = with_effects(found)
+    alike = alternatives(named) if verdicted in ("explained", "ambiguous") else []
+    kept = alike
+    if alike and judged_on == "holdout":
+        kept = borne_out(judged, attribution, alike)
+        against = [*spoken_against(judged, attribution, kept), *leaves_too_much(judged, attribution, kept)]
+        kept = [e for e in kept if e not in against]
+    refuted = [e for e in alike if e not in kept]
+    still = [e for e in kept if _predicts_nothing(fitted, attribution, e)]
+    notes = [
+        f"with {' and '.join(e.effects)} the simulation comes nearest, but it predicts nothing of the measured motion: "
+        "no effect is named; check the rig's magnet, gains, signs and units"
+        for e in still
+    ]
+    kept = [e for e in kept if e not in still]
+    notes += [
+        f"{' with '.join(e.effects)} would explain the recordings that were fitted, but the holdout is simulated no "
+        "better with it than without, or than by calibration alone, or with a gap that no form of it leaves: it is not "
+        "named"
+        for e in refuted
+    ]
+    refuted += still
+    if refuted and not kept and shows_nothing(judged, attribution, _saved(weighed, refuted)):
+        # The unknown cause, too, was weighed by what those save that the holdout refutes.
+        verdicted, cause = "no_gap", ()
+        found, named = without(found, [e for e in found if e.effects not in NO_EFFECT]), []
+    elif refuted:
+        found, named = without(found, refuted), kept or named
+        verdicted, cause = verdict(found)
+        if verdicted == "no_gap":  # what is left speaks for calibration
+            named, kept = [], []
+        elif not kept:
+            verdicted, cause = "unexplained", (UNKNOWN,)
+        elif verdicted == "unexplained":
+            kept = []
+        else:
+            verdicted, cause = worded(kept)
+    elif verdicted == "no_gap" and judged_on == "holdout":
+        shown = shown_by_both(judged, attribution, named, weighed.tempering)
+        if shown and not leaves_clear_gap(judged, attribution, shown):
+            found = handed_on(found, shown)
+            named = with_effects(found)
+            kept = alternatives(named)
+            verdicted, cause = worded(kept)
+            notes.append(
+                "calibration alone explains the recordings that were fitted, but then leaves of the holdout what "
+                f"{' or '.join(' with '.join(e.effects) for e in kept)} explains together with them"
+            )
+        elif shown or calibration_fails(judged, attribution):
+            found = without(found, [e for e in found if e.effects in NO_EFFECT])
+            named, (verdicted, cause) = with_effects(found), ("unexplained", (UNKNOWN,))
+            notes.append(
+                "calibration alone explains the recordings that were fitted, but neither it nor any effect explains "
+                "the holdout together with them"
+            )
+    return Named(verdicted, cause, found, named, kept, notes)
+
+
+def _saved(weighed: Weighed, refuted: Sequence[Entry]) -> float:
+    """What the best of these hypotheses saves beyond calibration; that it lacks something makes it no less."""
+    cost = weighed.evidence.cost
+    best = min((cost[e.candidate] for e in refuted if e.candidate), default=np.inf)
+    return float(cost[0] - best) if np.isfinite(cost[0]) else 0.0
+
+
+def _predicts_nothing(fitted: Problem, attribution: Attribution, named: Entry) -> bool:
+    """Whether a simulation with the named effects leaves as much as one that stands still; tones do not count."""
+    if named.candidate is None or not (fit := attribution.candidates[named.candidate].fit).hypothesis.effects:
+        return False
+    found = figures(fitted, fit.residual)
+    return found is not None and found.predicted <= 0.0
