@@ -32,7 +32,7 @@ from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, d
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.fitting import Fit
-from sim2real.second_body import body_in_words, with_second_body
+from sim2real.second_body import BODY, body_in_words, with_second_body
 
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
@@ -130,8 +130,9 @@ def exact_mass(records: Sequence[Record | OpenRecord]) -> str | None:
 def _over_frequency(
     rig: Rig, static: StaticEstimate | None, whole: Sequence[Coefficient], problem: Problem, fit: Fit
 ) -> ApparentGain | None:
-    """The gain over frequency, with the stiffness at rest where that is told, else as identified, else nominal."""
-    if not rig.controlled:
+    """The gain over frequency, with the stiffness at rest where that is told, else as identified, else nominal; None
+    beside a second body, whose motion would count as gain."""
+    if not rig.controlled or BODY in fit.hypothesis.effects:
         return None
     told = {c.name: c for c in whole if c.identified}
     if "damping" in told and told["damping"].apart < SURELY:
