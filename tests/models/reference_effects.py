@@ -74,6 +74,8 @@ class FullAxis(Axis):
         self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
         ratio, times, damping = (value("support_resonance", f"further_{k}") for k in ("ratio", "frequency", "damping"))
         self.further = [self.body[0] * times, damping, ratio]
+        hung = (self.body[2] + ratio) * bool(self.body[0])
+        self.mass -= self.mass * value("support_resonance", "inside") * hung / (1 + hung)
         self.rub, self.slip = value("friction"), value("friction", "velocity")
         self.presliding = value("friction", "presliding")
         self.runout = [value("runout", key) for key in (None, "harmonics", "phase")]
