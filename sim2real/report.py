@@ -11,7 +11,7 @@ from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_word
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.verdict import with_effects
+from sim2real.judgement.verdict import CLASS_SHARE, with_effects
 from sim2real.result import Diagnosis, block_of
 from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, added_lag, dead_part, usual_tolerances
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
@@ -84,16 +84,18 @@ def sentence(diagnosis: Diagnosis) -> str:
             return f"No effect is needed ({percent(sure)}), but the rig is not as stated: {', '.join(far)}."
         clear = f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})"
         return f"{clear}{_from_current(diagnosis)}."
-    left = diagnosis.leftover
+    left, unknown = diagnosis.leftover, probability.get((UNKNOWN,), 0.0)
+    # Where the holdout refutes what is most probable, an unknown cause need not have become that.
+    none = "No known effect explains the gap" if unknown >= 0.5 else "No effect that fits is borne out by the holdout"
     if diagnosis.verdict == "unexplained" and left is not None:
         return (
-            f"No known effect explains the gap (unknown: {percent(probability.get((UNKNOWN,), 0.0))}); best partial "
+            f"{none} (unknown: {percent(unknown)}); best partial "
             f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
             f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}."
         )
     if diagnosis.verdict == "unexplained":
         return (
-            f"No known effect explains the gap (unknown: {percent(probability.get((UNKNOWN,), 0.0))}); most of it lies "
+            f"{none} (unknown: {percent(unknown)}); most of it lies "
             f"in {_blocks(_largest(diagnosis.where.blocks))}{_highest_band(diagnosis.where)}."
         )
     if diagnosis.verdict == "ambiguous":
@@ -107,8 +109,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     moved = {n for n, v in diagnosis.corrected.effects.items() if any(v.values())}  # a lag may sit in a stated pole
     shown = [c for c in corrections(diagnosis) if "." in c.name and c.name.partition(".")[0] in moved]
     values = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
+    more = sum(e.probability for e in diagnosis.which if set(e.effects) > set(top.effects))
+    beside = f", {percent(more)} with another effect beside" if more >= CLASS_SHARE * top.probability else ""
     return (
-        f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}), in "
+        f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}{beside}), in "
         f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}{_besides(diagnosis)}."
     )
 

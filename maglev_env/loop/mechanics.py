@@ -75,8 +75,9 @@ EFFECTS: Mapping[str, EffectCard] = {
             "damping_ratio": RESONANCE_DAMPING,
             "mass_ratio": Parameter("", 0.0, 2.0, 0.05, scale=0.02, starts=(0.01,)),
             # 1: mover and bodies together were weighed, as of a rotor that bends. A support that gives way shows the
-            # same, because its mode is added to the motion of the whole mass.
-            "inside": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=1.0),
+            # same, because its mode is added to the motion of the whole mass. What hangs below one magnet is small and
+            # stiff.
+            "inside": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=1.0, needs=("pair",)),
             # A further body is looked for at every frequency, as the first one is.
             "further_ratio": Parameter("", 0.0, 2.0, 0.0, scale=0.02, shape=0.1, added=True),
             "further_frequency": Parameter(

@@ -62,7 +62,8 @@ class Shape:
 @lru_cache
 def shapes_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Shape, ...]:
     """Coordinates of an effect's form on a rig of these scales."""
-    return tuple(Shape(name, key, _on(p, scales)) for key, p in EFFECTS[name].shapes.items())
+    own = ((key, p) for key, p in EFFECTS[name].shapes.items() if not scales.lacks.intersection(p.needs))
+    return tuple(Shape(name, key, _on(p, scales)) for key, p in own)
 
 
 def _on(p: Parameter, scales: Scales) -> Parameter:
