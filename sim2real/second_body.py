@@ -22,10 +22,12 @@ def with_second_body(problem: Problem, fit: Fit) -> Fit | None:
     """The fit with a second body on a spring, where one mass leaves much and the body takes most of that away.
 
     Args:
-        problem: The recordings, of one axis.
+        problem: The recordings. A second body is looked for on one axis, and not below a single magnet: what hangs
+            there is small and stiff, and what its law lacks would pass for one.
         fit: The rig's fit to them.
     """
-    if misfit(fit) < LACKS or problem.parts[0].record.axes > 1:
+    several = problem.parts[0].record.axes > 1
+    if misfit(fit) < LACKS or several or "pair" in fit.hypothesis.scales.lacks:
         return None
     h = replace(fit.hypothesis, effects=(*fit.hypothesis.effects, BODY), given=INSIDE)
     first = len(fit.hypothesis.coordinates)
