@@ -86,7 +86,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"{clear}{_from_current(diagnosis)}."
     left, unknown = diagnosis.leftover, probability.get((UNKNOWN,), 0.0)
     # Where the holdout refutes what is most probable, an unknown cause need not have become that.
-    none = "No known effect explains the gap" if unknown >= 0.5 else "No effect that fits is borne out by the holdout"
+    refuted = diagnosis.which[0].effects != (UNKNOWN,)
+    none = "No effect that fits is borne out by the holdout" if refuted else "No known effect explains the gap"
     if diagnosis.verdict == "unexplained" and left is not None:
         return (
             f"{none} (unknown: {percent(unknown)}); best partial "

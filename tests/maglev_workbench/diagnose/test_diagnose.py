@@ -155,6 +155,8 @@ def test_every_verdict_has_a_page(diagnosed):
     partly = " ".join(shown(replace(none, unseen=("delay",))).split())
     assert "from the current on" in partly and "from the current on" not in shown(none)
     unknown = replace(found, verdict="unexplained", cause=("unknown",))
+    assert "No effect that fits is borne out" in diagnose_page(unknown)
+    unknown = replace(unknown, which=(replace(found.which[0], effects=("unknown",)), *found.which[1:]))
     assert "No known effect" in diagnose_page(unknown) and "Calibration, as far as it goes" in shown(unknown)
     alike = replace(named, verdict="ambiguous", cause=("delay", "mass"))
     assert "cannot tell them apart" in diagnose_page(alike)
