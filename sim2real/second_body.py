@@ -35,14 +35,10 @@ def with_second_body(problem: Problem, fit: Fit) -> Fit | None:
     (nominal,) = begin([fit.hypothesis], [np.zeros(fit.u.size)], problem.data, problem.simulate)
     seeds = [one for one in (nominal, fit) if np.isfinite(one.cost)]
     differentiate(seeds, problem.data, problem.simulate, True)
-    jobs = [
-        (seed, h, extended(h, np.concatenate([seed.u[:first], start]), seed))
-        for seed in seeds
-        for start in starts(BODY, h.scales)
-    ]
     begun: list[Fit] = []
     for seed in seeds:
-        chosen = kept(screened(problem, [job for job in jobs if job[0] is seed]))
+        own = [np.concatenate([seed.u[:first], start]) for start in starts(BODY, h.scales)]
+        chosen = kept(screened(problem, [(seed, h, extended(h, u, seed)) for u in own]))
         begun += begin([s.hypothesis for s in chosen], [s.u for s in chosen], problem.data, problem.simulate)
     iterate(begun, problem.data, problem.simulate, STEPS)
     best = min(begun, key=lambda one: one.cost, default=fit)

@@ -90,6 +90,10 @@ class Parameter:
     needs: tuple[Need, ...] = ()
     added: bool = False
 
+    def is_meant_on(self, scales: Scales) -> bool:
+        """Whether the rig of these scales has what the parameter needs."""
+        return scales.lacks.isdisjoint(self.needs)
+
     def range_on(self, scales: Scales) -> tuple[float, float]:
         """The bounds in SI on a rig of these scales."""
         unit = scales.of(self.per)

@@ -64,7 +64,7 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
     """Coordinates of an effect on a rig of these scales; none of a tone."""
     if name not in FITTED:
         return ()
-    own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if not scales.lacks.intersection(p.needs))
+    own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if p.is_meant_on(scales))
     # A zero that is off by more than the bias current would leave one magnet of a pair without any.
     most = ((key, p, scales.bias if p.within_bias else inf) for key, p in own)
     return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, p.sought, end)) for key, p, end in most)

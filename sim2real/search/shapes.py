@@ -62,7 +62,7 @@ class Shape:
 @lru_cache
 def shapes_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Shape, ...]:
     """Coordinates of an effect's form on a rig of these scales."""
-    own = ((key, p) for key, p in EFFECTS[name].shapes.items() if not scales.lacks.intersection(p.needs))
+    own = ((key, p) for key, p in EFFECTS[name].shapes.items() if p.is_meant_on(scales))
     return tuple(Shape(name, key, _on(p, scales)) for key, p in own)
 
 

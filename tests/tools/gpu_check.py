@@ -211,15 +211,10 @@ class Check:
             begun = perf_counter()
             self.scored(experiments, device="cuda")
             self.say(protocol, device="cuda", sets=count, per_second=count / (perf_counter() - begun))
-            begun = perf_counter()
-            blocks = own_lanes(experiments)
-            prepared = perf_counter() - begun
-            begun = perf_counter()
-            for _ in gathered_on_gpu(blocks):
-                pass
+            prepared, simulated = _simulated_alone(experiments)
             self.say(
                 protocol, device="cuda", sets=count, prepare_us=prepared / count * 1e6,
-                simulated_per_second=count / (perf_counter() - begun),
+                simulated_per_second=count / simulated,
             )  # fmt: skip
 
     def judge(self) -> None:
@@ -293,13 +288,8 @@ class Check:
                 )
                 self.say("apart", protocol=protocol, judged_in=processes, same_bits=same, **figures)
                 rows.append((protocol, f"GPU, judged in {processes} processes", figures["per_second"]))
-            begun = perf_counter()
-            blocks = own_lanes(experiments)
-            prepared = perf_counter() - begun
-            begun = perf_counter()
-            for _ in gathered_on_gpu(blocks):
-                pass
-            simulated = len(experiments) / (perf_counter() - begun)
+            prepared, seconds = _simulated_alone(experiments)
+            simulated = len(experiments) / seconds
             self.say(
                 "apart", protocol=protocol, simulated_per_second=simulated, lanes_us=prepared / len(experiments) * 1e6
             )
@@ -335,6 +325,16 @@ def _scored_there(work: tuple[bool, int, str]) -> int:
     tiny, count, protocol = work
     check = Check(None, tiny)
     return len(check.scored(check.experiments("hmb_free", count, protocol), threads=1).score)
+
+
+def _simulated_alone(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """Seconds that making the lanes of experiments takes, and simulating them on the GPU."""
+    begun = perf_counter()
+    blocks = own_lanes(experiments)
+    made = perf_counter()
+    for _ in gathered_on_gpu(blocks):
+        pass
+    return made - begun, perf_counter() - made
 
 
 def _version(name: str) -> str:

@@ -116,14 +116,12 @@ def new(
         )
     read = [f for f in files if f not in refused]
     guesses = [
-        guess if columns is None else guess_recording(file, rate=guess.rate.value, columns=columns)
-        for file, guess, columns in zip(read, guesses, like_most(guesses), strict=True)
-    ]
-    guesses = [
         guess
-        if clock == guess.rate
-        else replace(guess_recording(file, rate=clock.value, columns=guess.columns), rate=clock, notes=guess.notes)
-        for file, guess, clock in zip(read, guesses, one_clock(guesses), strict=True)
+        if columns is None and clock == guess.rate
+        else replace(
+            guess_recording(file, rate=clock.value, columns=columns or guess.columns), rate=clock, notes=guess.notes
+        )
+        for file, guess, columns, clock in zip(read, guesses, like_most(guesses), one_clock(guesses), strict=True)
     ]
     stated = questions.ask_rig(stated) if asking else stated
     inside, copied = bring(read, folder)
