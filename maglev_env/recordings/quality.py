@@ -129,6 +129,9 @@ def _alarmed(quality: Quality, alarms: tuple[Alarm, ...]) -> Quality:
     return replace(quality, can=can, bands=bands, alarms=alarms)
 
 
+_WRITTEN = ("reference", "injection")  # by a generator: the levels of a set point or a telegraph are no converter's
+
+
 def _beyond(signals: RecordedSignals, rig: Rig | None) -> tuple[str, ...]:
     reach = np.abs(signals.channels["displacement"]).max() if rig and "displacement" in signals.channels else 0.0
     if not rig or reach <= rig.clearance:
@@ -149,7 +152,7 @@ def _excited(signals: RecordedSignals, rig: Rig | None, bands: int) -> Quality:
         problems.append(f"{dropped} periods of transient: wait longer before recording")
     channels = tuple(_channel(name, values, spectra) for name, values in signals.channels.items())
     for c in channels:
-        if c.resolution_share > 0.05 and c.name != "reference":  # the steps of a set point are no converter's
+        if c.resolution_share > 0.05 and c.name not in _WRITTEN:
             share = f"{c.resolution_share:.0%}"
             problems.append(f"{c.name}: one converter step is {share} of the rms: raise the amplitude")
     problems.extend(_beyond(signals, rig))

@@ -172,7 +172,7 @@ class Rig:
             if f.metadata:
                 check_range(f.name, getattr(self, f.name), f.metadata)
         if self.clearance > self.gap:
-            raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m")
+            raise ValueError(f"clearance = {self.clearance} m is larger than the gap {self.gap} m: state both")
         for axis, name in enumerate(AXES if self.per_axis else ()):
             try:  # an axis' own parameters are checked like the common ones
                 _one_axis(self, axis)

@@ -37,28 +37,30 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     Nothing but the magnet and the weight acts on it, so ki i = -(m w^2 + ks) y at every frequency: the current falls as
     the rotor moves towards the magnet, and rises with a distance from it. Noise of either hides that at high
     frequencies first. Where it moves too little to show it at all, the sign of its controller tells, or else what the
-    column is called; where that says nothing either, it is asked for. What the user states stands.
+    column is called; where that says nothing either, it is asked for. What the user states stands. A permanent magnet
+    may carry the weight (zero-power control), so a distance that the current follows is turned without a mean current.
 
     Args:
         guess: of one file.
         dataset: the file, read by it.
     """
     effort = next((name for name in EFFORTS if name in dataset), None)
-    if "displacement" not in guess.channels or guess.rotor.value != "suspended" or effort is None:
+    if "displacement" not in guess.channels or guess.rotor.value is None or effort is None:
         return guess
+    bears = guess.rotor.value == "suspended"  # the current carries the weight
     moved, known = guess.channels["displacement"], guess.gains or guess.form
     turned = moved.stated and moved.scale < 0  # by the user
     follows = _follows(dataset["displacement"].values, dataset[effort].values) * (-1 if turned else 1)
     # A large excitation may turn the current round, which then shows a weight less clearly than a distance is told.
     distance = is_distance(moved.label)
-    if guess.rotor.confidence < LIKELY and not (distance and follows > _FOLLOWS):
+    if (not bears or guess.rotor.confidence < LIKELY) and not (distance and follows > _FOLLOWS):
         return guess
     why = "" if turned else _why(effort, follows, known, distance)
     asked = follows > -_FOLLOWS and not (why or turned or known or moved.stated)
 
     def faced(column: ColumnGuess) -> ColumnGuess:
         if column.channel in EFFORTS:
-            return _asking(column, TOTAL)
+            return _asking(column, TOTAL) if bears else column
         if column.channel not in _POSITIONS:
             return column
         if why and not moved.stated and not column.stated:

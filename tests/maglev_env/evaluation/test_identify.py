@@ -416,6 +416,9 @@ def test_the_quality_of_a_recorded_excitation(noise):
     assert q.leftover == q.transient_periods == 0
     (step,) = q.problems  # and not the crest factor, nor the number of periods
     assert step.startswith("command: one converter step is 7% of the rms")
+    telegraph = np.where(np.arange(signals.channels["command"].size) % 64 < 32, 0.1, -0.1)
+    told = replace(signals, channels={**signals.channels, "injection": telegraph})
+    assert recording_quality(told, campaign.rig).problems == q.problems  # its two levels are no converter's
     assert all(b.verdict == "good" and b.coherence > 0.99 for b in q.bands) and len(q.bands) == 8
     assert 2.0 <= q.bands[0].f_lo < q.bands[-1].f_hi <= 40.0
     displacement = next(c for c in q.channels if c.name == "displacement")

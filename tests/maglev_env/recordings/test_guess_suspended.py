@@ -127,6 +127,18 @@ def test_a_gap_is_turned_round_although_a_large_excitation_turns_the_current(tmp
     assert found.rotor.confidence < 0.5 and found.channels["displacement"].scale == scale
 
 
+def test_a_gap_is_turned_round_where_a_permanent_magnet_carries_the_weight(tmp_path):
+    rng = np.random.default_rng(8)
+    t = np.arange(8000) / 1000.0
+    gap = 4 + 0.2 * np.sin(2 * np.pi * 3 * t) + 1e-3 * rng.normal(size=t.size)
+    current = 0.7 * (gap - 4) + 1e-2 * rng.normal(size=t.size)  # around 0: zero-power control
+    table = np.column_stack([t, gap, current])
+    np.savetxt(tmp_path / "run.csv", table, fmt="%.5f", delimiter=",", header="t [s],gap [mm],i [A]", comments="")
+    found = verified(guess_recording(tmp_path / "run.csv"), tmp_path)
+    assert found.rotor.value == "supported" and found.channels["displacement"].scale == -1e-3
+    assert "total" not in found.channels["current"].ask
+
+
 def told(folder, path, **scales):
     """The guess of a file with stated scales."""
     columns = with_stated(guess_recording(path).columns, scales, {})
