@@ -217,6 +217,8 @@ def _names(
     def named(line: str, comment: bool = False) -> list[str] | None:
         text = line.strip().lstrip("#%/ ") if comment else line
         cells = cells_of(text, separator)
+        if separator == " " and len(cells) != least and len(apart := re.split(r"\s{2,}", text.strip())) == least:
+            cells = apart  # names of several words, in columns as wide as their numbers
         if comment and len(cells) != least:
             cells = cells_of(text.rpartition(":")[2], " ") if least > 1 else []
         if len(cells) == least + 1 and cells[-1].lower() == "comment":  # LabVIEW's last column, empty in every row

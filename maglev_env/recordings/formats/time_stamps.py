@@ -14,7 +14,8 @@ JITTERED_RATE_TOLERANCE = 0.02  # a jittered record is resampled, so its own mea
 # A step that is longer or shorter by more than this share is no jitter: a sample is missing, or there twice. Half a
 # step is where rounding to the nearest sample changes.
 MOST_JITTER = 0.5
-_DIGITS = 9
+_DIGITS = 9  # of stamps that are printed, at most
+_ROUNDED = 1.05  # units of the last digit between stamps and an even clock; 1, but for what the line through them errs
 
 
 @dataclass(frozen=True)
@@ -89,15 +90,15 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     step = 1 / rate
     steps = np.diff(time)
     mean, median = (time[-1] - time[0]) / steps.size, float(np.median(steps))
-    if _only_rounded(time, step):
-        return regular
-    if np.abs(steps - step).max() <= (1 + 1e-6) * STEP_TOLERANCE * step:
+    rounded = rounded_step(time)
+    if rounded or np.abs(steps - step).max() <= (1 + 1e-6) * STEP_TOLERANCE * step:
+        mean, unsure = rounded or (mean, 0.0)
         apart = 1 / (mean * rate) - 1
-        if abs(apart) > CLOCKS_DIFFER:
+        if abs(apart) > CLOCKS_DIFFER + unsure * rate:
             raise ValueError(
                 f"mean rate {1 / mean:.8g} Hz, not sample_rate = {rate:g} Hz; state the one that the controller keeps"
             )
-        if abs(apart) > SAID_FROM:
+        if abs(apart) > SAID_FROM + unsure * rate:
             note = f"by its stamps the rate is {1e6 * apart:+.0f} ppm off: rows are taken as ticks of {rate:g} Hz"
             return replace(regular, notes=(note,))
         return regular
@@ -141,15 +142,19 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
     )
 
 
-def _only_rounded(time: np.ndarray, step: float) -> bool:
-    """Whether the stamps are those of a regular clock, printed with few digits."""
+def rounded_step(time: np.ndarray) -> tuple[float, float] | None:
+    """The step of a regular clock whose stamps (samples,) in s are printed with few digits; None where they are not so.
+
+    Returns:
+        The step, s, and by how much rounding may have changed it, s.
+    """
     for digits in range(_DIGITS):
         with np.errstate(over="ignore", invalid="ignore"):  # stamps near the largest number
             scaled = (time - time[0]) * 10.0**digits
             whole = np.abs(scaled - np.rint(scaled)).max() < 1e-4
         if whole:
-            ideal = np.arange(time.size) * step
-            off = time - time[0] - ideal
-            quantum = 10.0**-digits
-            return quantum < 0.5 * step and float(np.ptp(off)) <= 1.001 * quantum
-    return False
+            count, quantum = np.arange(time.size), 10.0**-digits
+            step, begin = np.polyfit(count, time - time[0], 1)
+            even = quantum < step and float(np.ptp(time - time[0] - begin - step * count)) <= _ROUNDED * quantum
+            return (float(step), quantum / time.size) if even else None
+    return None

@@ -2,17 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import copysign
 from pathlib import Path
 from typing import Any
 
 from maglev_env.channels import EFFORTS, MEASURED
 from maglev_env.recordings.formats.time_stamps import JITTERED_RATE_TOLERANCE, STEP_TOLERANCE
-from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
-from maglev_env.recordings.guess.columns.scaling import NO_UNIT
+from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.evidence import LIKELY, STATED, Guess
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
-from maglev_env.recordings.guess.suspended import CENTRE, DIRECTION, asked_for_the_centre
+from maglev_env.recordings.guess.suspended import CENTRE, asked_for_the_centre
+from maglev_env.recordings.guess.told_by_others import as_told, told_by
 
 _SAME_GAIN = 0.03  # relative difference of gains that were fitted to two files of one controller
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
@@ -126,7 +125,8 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
 
     Without a unit in its header the file with the largest values tells the unit, because the size of small ones may be
     that of a quiet rotor; the clock of each file is its own. A file in which the current shows that positions are
-    distances from the magnet tells it of the others, too. What is asked stays asked.
+    distances from the magnet tells it of the others, too; files whose controller is known rather than others. What is
+    asked stays asked.
 
     Args:
         guesses: one for each file.
@@ -136,14 +136,15 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
         for column in guess.columns:
             if _agrees(column.channel):
                 columns.setdefault((column.channel, _place(guess, column.column)), []).append((guess.file, column))
-    told = {key: _telling(same) for key, same in columns.items()}
+    known_loops = {g.file for g in guesses if g.gains or g.form}
+    told = {key: told_by(same, known_loops) for key, same in columns.items()}
     apart = {key for key, same in columns.items() if any(CENTRE in c.ask for _, c in same)}
 
     def with_others(guess: RecordingGuess, column: ColumnGuess) -> ColumnGuess:
         if not _agrees(column.channel):
             return column
         key = column.channel, _place(guess, column.column)
-        column = _as_told(column, *told[key])
+        column = as_told(column, told[key])
         return asked_for_the_centre(column) if key in apart else column
 
     found = []
@@ -247,22 +248,3 @@ def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[Recordi
         "command counts as added by somebody"
     )
     return replace(guess, controller=replace(guess.controller, ask=ask))
-
-
-def _telling(same: Sequence[tuple[str, ColumnGuess]]) -> tuple[str, float, str, str]:
-    """File and size of the scale, and file of a reversed direction ("" where there is none) with what it asks."""
-    file, least = min(same, key=lambda one: abs(one[1].scale))
-    turned, asks = next(((name, c.ask) for name, c in same if c.scale < 0), ("", ""))
-    return file, abs(least.scale), turned, asks
-
-
-def _as_told(column: ColumnGuess, larger: str, size: float, turned: str, asks: str) -> ColumnGuess:
-    if NO_UNIT in column.reason and abs(column.scale) != size and not column.stated:
-        reason = f"{column.reason}, but in the unit that the larger values of {larger} tell"
-        column = replace(with_scale(column, copysign(size, column.scale)), reason=reason)
-    if turned and column.scale > 0 and not column.stated:
-        parts = [*column.ask.split("; "), *asks.split("; ")]
-        asked = "; ".join(dict.fromkeys(part for part in parts if part and part != DIRECTION))
-        reason = f"{column.reason}; a distance from the magnet, as {turned} shows"
-        column = replace(with_scale(column, -column.scale), reason=reason, ask=asked)
-    return column

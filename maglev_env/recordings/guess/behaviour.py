@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from maglev_env.recordings.formats.time_stamps import rounded_step
+
 MOST = 20_000  # samples that are looked at
 _JITTER = 0.5  # largest rms deviation of a time step, of the median step
 _FEW, _HELD = 8, 4  # values of a signal that switches between few, and samples for which it holds each
@@ -18,7 +20,7 @@ def is_time(values: np.ndarray) -> bool:
     if values.size < 8 or not (steps >= 0).all() or not (steps > 0).mean() > 0.9:
         return False
     middle = np.median(steps)
-    return bool(np.mean(np.abs(steps - middle) <= _JITTER * middle) > 0.9)
+    return bool(np.mean(np.abs(steps - middle) <= _JITTER * middle) > 0.9) or rounded_step(values) is not None
 
 
 def is_constant(values: np.ndarray) -> bool:

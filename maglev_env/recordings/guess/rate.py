@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from maglev_env.recordings.formats.time_stamps import rounded_step
 from maglev_env.recordings.guess.evidence import LIKELY, SURE, Guess
 from maglev_env.recordings.guess.units import header_unit
 from maglev_env.recordings.guess.words import unaccented
@@ -56,6 +57,10 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
         reason = f"{rate:g} Hz: mean step of column {label} {mean:.6g} s, median {middle:.6g} s, "
         reason += f"jitter {jitter_of(time):.2g} rms"
         if not few and abs(mean / middle - 1) > 0.01:
+            if rounded := rounded_step(time * scale):
+                rate = _nice(1 / rounded[0], rounded[1] / rounded[0])
+                reason = f"{rate:.6g} Hz: mean step of column {label} {mean:.6g} s, whose stamps are rounded"
+                return Guess("sample_rate", rate, reason, SURE)
             return Guess(
                 "sample_rate", _nice(1 / middle), f"{reason}: samples are missing", LIKELY, "sample rate in Hz"
             )

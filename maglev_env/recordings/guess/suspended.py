@@ -28,7 +28,7 @@ DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (not
 _BUT_STATED = "scale < 0, if it is a distance that grows away from the magnet, as it seems"
 CENTRE = "offset, so that displacement is 0 at the centre between the stops"
 _APART = 2.0  # ranges of a motion by which its mean is away from 0
-_OFFSET = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
+AT_THE_GAP = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
 
 
 def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> RecordingGuess:
@@ -68,7 +68,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
         if why and column.scale > 0:
             return _asking(column, f"{_BUT_STATED} ({why})")
         if (why or turned) and column.scale < 0 and not column.offset:
-            return _asking(column, _OFFSET)
+            return _asking(column, AT_THE_GAP)
         return _asking(column, DIRECTION) if asked and column is moved else column
 
     faced_all = replace(guess, columns=tuple(faced(c) for c in guess.columns))
@@ -76,13 +76,16 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
 
 
 def _why(effort: str, follows: float, known: Mapping[str, Any] | None, distance: bool) -> str:
-    """What shows that a displacement grows away from the magnet; "" where nothing does."""
+    """What shows that a displacement grows away from the magnet; "" where nothing does.
+
+    What repels its rotor moves with its current, and is stable; so the sign of a controller that is known decides.
+    """
+    if known and (gain := known.get("kp", known.get("displacement", 0.0))):
+        return "its controller's gain is negative, and yet it levitates" if gain < 0 else ""
     if follows > _FOLLOWS:
         return f"the {effort} rises with it (correlation {follows:.2f})"
     if follows <= -_FOLLOWS:
         return ""
-    if known and known.get("kp", known.get("displacement", 0.0)) < 0:
-        return "its controller's gain is negative, and yet it levitates"
     return "it is called so" if distance else ""
 
 
@@ -107,8 +110,8 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
     def told(column: ColumnGuess) -> ColumnGuess:
         if TOTAL in column.ask:
             return _answered(replace(column, total=True), TOTAL, "it includes the current that carries the weight")
-        if _OFFSET in column.ask and near and not column.offset:
-            return _answered(replace(column, offset=rig.gap), _OFFSET, "0 is at the gap of the rig")
+        if AT_THE_GAP in column.ask and near and not column.offset:
+            return _answered(replace(column, offset=rig.gap), AT_THE_GAP, "0 is at the gap of the rig")
         return column
 
     return replace(guess, columns=tuple(told(c) for c in guess.columns))
@@ -138,7 +141,7 @@ def around_the_centre(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
 def _open(column: ColumnGuess, apart: set[str]) -> bool:
     """Whether a position is one of those, or counts from the same place, and no offset is asked for yet."""
     of = column.channel.replace("reference", "displacement")
-    return of in apart and _OFFSET not in column.ask and not column.offset
+    return of in apart and AT_THE_GAP not in column.ask and not column.offset
 
 
 def _follows(positions: np.ndarray, effort: np.ndarray) -> float:
@@ -154,7 +157,7 @@ def _follows(positions: np.ndarray, effort: np.ndarray) -> float:
 
 def asked_for_the_centre(column: ColumnGuess) -> ColumnGuess:
     """A position that is asked for its offset, as it is in another file of the same rig."""
-    return column if column.offset or CENTRE in column.ask or _OFFSET in column.ask else _asking(column, CENTRE)
+    return column if column.offset or CENTRE in column.ask or AT_THE_GAP in column.ask else _asking(column, CENTRE)
 
 
 def _asking(column: ColumnGuess, ask: str) -> ColumnGuess:
@@ -164,4 +167,4 @@ def _asking(column: ColumnGuess, ask: str) -> ColumnGuess:
 def _reversed(column: ColumnGuess, why: str) -> ColumnGuess:
     reason = f"{column.reason}; a distance from the magnet: {why}"
     turned = replace(with_scale(column, -column.scale), reason=reason)
-    return turned if column.offset else _asking(turned, _OFFSET)
+    return turned if column.offset else _asking(turned, AT_THE_GAP)

@@ -408,6 +408,8 @@ def test_the_rate_of_a_jittering_clock_is_the_round_one_that_its_steps_allow():
     assert guess_rate(ticks, 1.0, {}).value == 49.0
     rounded = np.round(np.arange(1500) / 49.1, 3)  # a good clock whose stamps are rounded to ms
     assert guess_rate(rounded, 1.0, {}).value == pytest.approx(49.1, rel=1e-4)
+    coarse = np.round(np.arange(11312) * 0.001768, 3)  # steps of one and two ms: no sample is missing
+    assert shown.is_time(coarse) and guess_rate(coarse, 1.0, {}).value == pytest.approx(1 / 0.001768, rel=3e-5)
 
 
 def test_clocks_of_a_microcontroller_have_their_unit():

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
+from maglev_env.recordings.guess.agreed import agreed
 from maglev_env.recordings.guess.columns.stated_columns import with_stated
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.suspended import below_the_magnet
@@ -137,6 +139,23 @@ def test_a_gap_is_turned_round_where_a_permanent_magnet_carries_the_weight(tmp_p
     found = verified(guess_recording(tmp_path / "run.csv"), tmp_path)
     assert found.rotor.value == "supported" and found.channels["displacement"].scale == -1e-3
     assert "total" not in found.channels["current"].ask
+
+
+def test_what_repels_its_rotor_counts_as_the_controller_of_another_file_shows(tmp_path):
+    rng, t = np.random.default_rng(9), np.arange(4000) / 500.0
+    steps = np.sign(np.sin(2 * np.pi * 0.25 * t + 0.1))
+    slow = signal.lfilter([0.02], [1, -0.98], steps) + 1e-2 * rng.normal(size=t.size)
+    for name, wanted, y in (("loop.csv", 20 + steps, 20 + slow), ("open.csv", 0 * t, 20 + slow)):
+        current = 0.9 + (0.3 * (wanted - y) if name == "loop.csv" else 0.1 * steps)  # more of it pushes up
+        table = np.column_stack([t, wanted, y, current])
+        header = "t [s],reference [mm],height [mm],command [A]"
+        np.savetxt(tmp_path / name, table, fmt="%.7f", delimiter=",", header=header, comments="")
+    guesses = [verified(guess_recording(tmp_path / name), tmp_path) for name in ("loop.csv", "open.csv")]
+    assert guesses[1].channels["displacement"].scale < 0  # alone, it is taken for a distance from a magnet
+    loop, opened = agreed(guesses)
+    assert loop.gains["kp"] == pytest.approx(300.0, rel=1e-3)
+    assert loop.channels["displacement"].scale == opened.channels["displacement"].scale == 1e-3
+    assert "as the controller of loop.csv shows" in opened.channels["displacement"].reason
 
 
 def told(folder, path, **scales):

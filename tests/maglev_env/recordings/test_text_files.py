@@ -46,6 +46,7 @@ LAYOUTS = {
     "bracketed units.csv": "t,y\n(ms),(V)\n" + rows(","),
     "free text.csv": "Oscilloscope 12, serial 3\n\nt,y\n" + rows(","),
     "labview.lvm": LABVIEW.replace("X_Value", "t").replace("Voltage", "y") + rows("\t"),
+    "matrix.txt": "   t     y\n\n[" + rows("   ", end=";").rstrip(";\n") + "]\n",
     "windows.csv": ("t,y\n" + rows(",")).replace("\n", "\r\n"),
     "quoted.csv": '"t","y"\n' + rows(","),
 }
@@ -81,6 +82,16 @@ def test_without_a_header_columns_go_by_position_from_zero(tmp_path, separator, 
     np.testing.assert_array_equal(columns.column("[1]"), Y)
     with pytest.raises(ValueError, match=r"there is no column '\[2\]'"):
         columns.column("[2]")
+
+
+def test_a_matrix_of_matlab_keeps_all_its_columns_and_names_of_several_words(tmp_path):
+    path = tmp_path / "x.txt"
+    path.write_text("  Sample   Commanded Pos    Sensor 1 Pos\n\n[ 0   1.5   2;\n  1   2.5   3;\n  2   3.5   4]\n")
+    columns = read_columns(path)
+    assert columns.names == ("Sample", "Commanded Pos", "Sensor 1 Pos") and "matrix of MATLAB" in columns.notes[0]
+    np.testing.assert_array_equal(columns.column("Sensor 1 Pos"), [2, 3, 4])
+    path.write_text("data = [\n0, 1.5;\n1, 2.5;\n];\n")
+    np.testing.assert_array_equal(read_columns(path).column("[1]"), [1.5, 2.5])
 
 
 @pytest.mark.parametrize(

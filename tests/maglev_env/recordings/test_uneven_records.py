@@ -102,6 +102,12 @@ def test_stamps_that_are_only_rounded_are_a_regular_clock():
     t = np.arange(5000) / 300
     assert check_clock(np.round(t, 3), 300.0).instants is None
     assert check_clock(t, 300.0).instants is None
+    coarse = np.round(np.arange(5000) * 0.001768, 3)
+    assert check_clock(coarse, 565.6).instants is None
+    (note,) = check_clock(coarse, 565.75).notes
+    assert "ppm off" in note
+    with pytest.raises(ValueError, match="mean rate 565"):
+        check_clock(coarse, 566.0)
 
 
 def test_few_missing_samples_are_bridged_and_masked(tmp_path):
