@@ -125,7 +125,8 @@ def law_shapes(
         own = linearise(shaped_law(law, {**effects_here, "force_law": other}), centre)
         same = {}
         for (scaled, bounds), was, now in zip(SCALED.items(), (gain, stiffness), own, strict=True):
-            change = min(max(held[scaled] * was / now - 1, bounds.low), bounds.high)
+            same_size = was / now if now else 1.0  # a stiffness that is stated as none stays none
+            change = min(max(held[scaled] * same_size - 1, bounds.low), bounds.high)
             same[scaled] = {**effects_here.get(scaled, {}), "change": change}
         effects = {**near.effects, "force_law": other, **same}
         found[name] = Point(effects, near.changes, near.dithered)

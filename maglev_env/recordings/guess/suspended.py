@@ -25,7 +25,7 @@ _MEANS, _LEAST = (4, 16, 64), 40  # samples that are averaged before they are co
 _POSITIONS = ("displacement", "reference", "gap_estimate")
 TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
 DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
-_BUT_STATED = "scale < 0, if it is a distance that grows away from the magnet, as it seems"
+BUT_STATED = "scale < 0, if it is a distance that grows away from the magnet, as it seems"
 CENTRE = "offset, so that displacement is 0 at the centre between the stops"
 _APART = 2.0  # ranges of a motion by which its mean is away from 0
 AT_THE_GAP = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
@@ -66,7 +66,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
         if why and not moved.stated and not column.stated:
             return _reversed(column, why)
         if why and column.scale > 0:
-            return _asking(column, f"{_BUT_STATED} ({why})")
+            return _asking(column, f"{BUT_STATED} ({why})")
         if (why or turned) and column.scale < 0 and not column.offset:
             return _asking(column, AT_THE_GAP)
         return _asking(column, DIRECTION) if asked and column is moved else column

@@ -6,7 +6,7 @@ from math import copysign
 
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.columns.scaling import NO_UNIT
-from maglev_env.recordings.guess.suspended import AT_THE_GAP, DIRECTION
+from maglev_env.recordings.guess.suspended import AT_THE_GAP, BUT_STATED, DIRECTION
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,8 @@ def as_told(column: ColumnGuess, told: Told) -> ColumnGuess:
         asked = "; ".join(dict.fromkeys(part for part in parts if part and part != DIRECTION))
         reason = f"{column.reason}; a distance from the magnet, as {told.turned} shows"
         column = replace(with_scale(column, -column.scale), reason=reason, ask=asked)
+    if told.faced:
+        column = replace(column, ask="; ".join(p for p in column.ask.split("; ") if not p.startswith(BUT_STATED)))
     if told.faced and column.scale < 0 and not column.stated:
         asked = "; ".join(part for part in column.ask.split("; ") if part != AT_THE_GAP)
         reason = f"{column.reason}; but it counts as the controller of {told.faced} shows"

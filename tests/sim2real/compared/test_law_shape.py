@@ -11,6 +11,7 @@ from maglev_env.lane_values import shaped_law
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.recordings.campaign import load_campaign
+from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import rig_from_toml
 from sim2real.compared.law_shape import FORM_NAME, STEEPNESS_NAME, bent, law_shapes
 from sim2real.compared.problem import assemble
@@ -82,3 +83,11 @@ def test_a_problem_about_a_bent_law_holds_the_same_evidence_of_its_shape(tmp_pat
     told, same = (p.nuisances.amounts(p.data - p.simulate([here])[0]) for p in (plain, about))
     for name in (FORM_NAME, STEEPNESS_NAME):
         assert same[name] == pytest.approx(told[name], abs=0.075)
+
+
+def test_magnets_without_a_stiffness_keep_none_under_every_shape():
+    rig = Rig(name="repelled", magnet="electromagnet_pair", mass=0.12, gap=0.02, bias_current=0.9, actuator_gain=1.3,
+              negative_stiffness=-0.0, support_stiffness=50.0)  # fmt: skip
+    for point in law_shapes(rig, Point({}, {})).values():
+        assert point.effects["negative_stiffness"]["change"] == 0.0
+        assert point.effects["actuator_gain"]["change"] == pytest.approx(0.0, abs=0.5)
