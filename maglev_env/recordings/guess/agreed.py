@@ -164,13 +164,15 @@ def agreed(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
 def one_controller(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
     """The guesses with one set of gains in all files whose sets differ by no more than their fits may.
 
-    Of the sets with all parts that any file shows the most certain one is taken; rest does not show an integral part.
+    Of the sets with all parts that any file shows the most certain one is taken, and of these the one that leaves
+    least of its command: there the digits of the columns spoil it least. Rest does not show an integral part.
 
     Args:
         guesses: one for each file.
     """
     shown = sorted(
-        (g for g in guesses if g.gains), key=lambda g: (not g.gains["ki"], not g.gains["kd"], -g.controller.confidence)
+        (g for g in guesses if g.gains),
+        key=lambda g: (not g.gains["ki"], not g.gains["kd"], -g.controller.confidence, g.controller.left),
     )
     found: list[RecordingGuess] = []
     for guess in guesses:

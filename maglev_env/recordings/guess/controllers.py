@@ -99,7 +99,8 @@ def _controller(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: flo
     how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
     to = f"the command is a PID of the displacement to {fit.residual:.2g} A rms"
     reason = f"{to}, within {how}" if fit.exact else f"{to}, {np.sqrt(fit.share):.1g} of its motion"
-    return gains, None, Guess("controller", gains, reason, SURE if fit.exact else LIKELY, asked_of(gains))
+    sure = SURE if fit.exact else LIKELY
+    return gains, None, Guess("controller", gains, reason, sure, asked_of(gains), fit.share)
 
 
 def _not_a_pid(fit: ControllerFit) -> str:

@@ -16,6 +16,7 @@ class Guess:
         reason: the evidence, in words.
         confidence: from 0 (nothing speaks for it) to 1 (stated by the file).
         ask: what the user should state or confirm; empty where the guess is good enough.
+        left: share of the power of what it was fitted to that it leaves; 1 where nothing was fitted.
     """
 
     what: str
@@ -23,3 +24,4 @@ class Guess:
     reason: str
     confidence: float
     ask: str = ""
+    left: float = 1.0
