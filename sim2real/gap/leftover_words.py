@@ -49,7 +49,7 @@ def moved_in_words(left: Leftover) -> str:
     moved = [
         f"{name.partition(' ')[0]} {quantity(at['value'], NORMAL_95 * at['se'], '', True)}"
         for name, at in left.parameters.items()
-        if "." not in name and abs(at["value"]) > NORMAL_95 * at["se"]
+        if "." not in name and at["se"] is not None and abs(at["value"]) > NORMAL_95 * at["se"]
     ]
     if left.effects:
         return ""

@@ -99,6 +99,10 @@ def test_periodic_records_have_sections_and_json(tmp_path):
     assert leftover_lines(named)[0].startswith("Best partial explanation: delay, time 75.0 +- 2.0 µs (95 %). It leaves")
     ended = replace(named, parameters={"delay.time": {"value": 1e-3, "se": None, "at_bound": True}})
     assert "time 1 ms (at its bound, not identified). It leaves" in leftover_lines(ended)[0]
+    # Of what is so far behind that it is not differentiated again no error is known.
+    calibration = {"mass (relative)": {"value": 0.2, "se": None, "at_bound": False}}
+    untold = replace(named, effects=(), parameters=calibration)
+    assert "(no parameter moves clearly)" in leftover_lines(untold)[0]
 
 
 def test_where_the_rotor_touches_down_there_is_no_force(stiffer):
