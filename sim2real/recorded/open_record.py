@@ -34,6 +34,7 @@ TOGETHER, EACH = 120_000, 30_000
 TOP = 0.4  # of the control rate: highest frequency that is compared
 FOUR_SIGMA = 4.0
 DUST = 1e-8  # of the power in the strongest window: what is left of rounded columns, which goes with the noise
+UNSURE_OF_GAINS = 1e-6  # of a command's power in a window: a drive is not known better than the gains that it needs
 TELLING = 0.01  # of the noise: above the last window in which what drives the loop moves it as much nothing is compared
 
 
@@ -155,12 +156,23 @@ class OpenRecord:
     @property
     def drives(self) -> np.ndarray:
         """Spectra (inputs, windows, WIDTH) of what drives the record: of all that varies in the simulation's drive, or
-        of what of it is free of noise."""
+        of what of it is free of noise.
+
+        What is left of a command beyond that of the stated controller is zero in windows in which it is next to nothing
+        of the command: there it is what the stated gains are off by, times the very noise that it would explain.
+        """
         if self.instrument is not None:
             return self.instrument
-        waves = np.concatenate(list(self.waves.values()))
-        moving = waves[np.ptp(waves, axis=1) > 0]
-        return self.spectrum((moving if len(moving) else waves[:1])[:, :: self.every])
+        found = {place: self.spectrum(waves[:, :: self.every]) for place, waves in self.waves.items()}
+        if self.source is not None:
+            own, whole = (self._power(lines) for lines in (found["current"], self.spectrum(self.command)))
+            found["current"] = np.where((own > UNSURE_OF_GAINS * whole)[..., None], found["current"], 0.0)
+        moving = [lines for place, waves in self.waves.items() for lines in found[place][np.ptp(waves, axis=1) > 0]]
+        return np.stack(moving) if moving else next(iter(found.values()))[:1]
+
+    def _power(self, lines: np.ndarray) -> np.ndarray:
+        """Power (..., windows) of spectra (..., windows, WIDTH) without transient and drift."""
+        return np.sum(abs(self.windows.project(lines)) ** 2, axis=-1)
 
     def spectrum(self, series: np.ndarray) -> np.ndarray:
         """Lines (..., windows, WIDTH) of series (..., samples) over the part that is compared."""

@@ -54,6 +54,18 @@ def test_the_true_loop_leaves_white_noise_of_the_variance_that_is_told(campaign,
         assert low.mean() == pytest.approx(1.0, abs=5 / np.sqrt(low.size))
 
 
+def test_noise_stays_noise_where_the_stated_gains_are_off_in_their_last_digits(campaign):
+    _, (record,) = read_records(campaign(Bench(), {"sine": "fit"}))
+    told = assemble([record]).parts[0].noise[0, 0]
+    # Beside the sine, what is left of the command is then a share of the reading, noise and all: it explains all of it.
+    reading = record.series["displacement"]
+    sine = 0.1 * np.sin(2 * np.pi * 20.0 / bench_loop.RATE * np.arange(reading.shape[1]))
+    off = replace(record, waves={**record.waves, "current": sine + 1e-6 * bench_loop.KP * reading})
+    found = assemble([off]).parts[0].noise[0, 0]
+    beside = abs(record.frequency - 20.0) > 25.0
+    assert found[beside] == pytest.approx(told[beside], rel=0.3)
+
+
 def test_a_delay_far_below_the_noise_of_a_sample_is_seen(campaign):
     _, (record,) = read_records(campaign(Bench(delay=20e-6), {"noise": "fit"}))
     problem = assemble([record])
