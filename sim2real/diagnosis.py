@@ -18,13 +18,12 @@ from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.simulated import Point, unseen_by_all
 from sim2real.compared.standing import standing
 from sim2real.free.correction import free_correction
-from sim2real.free.fit import excess
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
 from sim2real.judgement.belief import shipped
 from sim2real.judgement.commands_seen import SEEN, seen_lost
-from sim2real.judgement.evidence import evidence_of
+from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 from sim2real.judgement.mechanisms import by_mechanism, renamed
@@ -93,7 +92,8 @@ def diagnose(
     left, partial = None, attribution.calibration
     if named.verdict == "unexplained":
         progress("what is left")
-        partial = best_partial(attribution, named.effects[0].candidate if named.effects else None)
+        probable = named.effects[0].candidate if named.effects else None
+        partial = best_partial(attribution, probable, unnamed_pair(attribution))
         left = leftover(attribution, judged, partial, fitted_parameters(partial), seed)
     alone, free = picked or attribution.calibration, None
     if left is not None or (picked is not None and _leaves_much(picked, attribution)):
@@ -176,7 +176,7 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:
     """Whether what is named leaves much of the gap that calibration leaves; inf where calibration touches down."""
-    return excess(picked.fit) > FREE_FROM * excess(attribution.calibration.fit)
+    return picked.fit.excess > FREE_FROM * attribution.calibration.fit.excess
 
 
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:

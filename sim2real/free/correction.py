@@ -14,7 +14,7 @@ from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
 from sim2real.free import drawn as drawing
 from sim2real.free.drawn import Drawn, drawn
-from sim2real.free.fit import corrected, excess, lacks, refined
+from sim2real.free.fit import corrected, lacks, refined
 from sim2real.free.share import GAINED, SURELY, share_closed
 from sim2real.free.trend import Trend, trend_of
 from sim2real.free.words import in_words
@@ -122,7 +122,7 @@ def free_correction(
     bases = [partial] if named or not np.isfinite(calibration.fit.cost) else [calibration, partial]
     best: Fit | None = None
     for base in dict.fromkeys(bases):
-        if best is not None and excess(best) < POOR * max(excess(calibration.fit), 0.0):
+        if best is not None and best.excess < POOR * max(calibration.fit.excess, 0.0):
             break
         if not lacks(base.fit):
             continue

@@ -16,14 +16,9 @@ AGAIN, NOTABLE = 0.3, 0.1  # shares of what is left, and of the whole gap, that 
 MOST = 2  # corrections together
 
 
-def excess(fit: Fit) -> float:
-    """Cost beyond the noise."""
-    return fit.cost - 2.0 * fit.residual.size
-
-
 def lacks(fit: Fit) -> bool:
     """Whether a fit leaves clearly more than noise."""
-    return bool(np.isfinite(fit.cost)) and excess(fit) > SIGNIFICANT * np.sqrt(4.0 * fit.residual.size)
+    return bool(np.isfinite(fit.cost)) and fit.excess > SIGNIFICANT * np.sqrt(4.0 * fit.residual.size)
 
 
 def corrected(problem: Problem, base: Fit) -> Fit | None:
@@ -42,7 +37,7 @@ def corrected(problem: Problem, base: Fit) -> Fit | None:
     for _ in range(MOST):
         added = best.hypothesis.added if isinstance(best.hypothesis, Freed) else ()
         found = _next(problem, best, [k for k in able if k not in added], added, sizes)
-        least = max(AGAIN * excess(best), NOTABLE * excess(base))
+        least = max(AGAIN * best.excess, NOTABLE * base.excess)
         if found is None or best.cost - found.cost < least:
             break
         best = found

@@ -20,7 +20,7 @@ from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.judgement.within_reach import LIMITED, shows_limit
 from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
-from sim2real.search.candidates import Attribution
+from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import Fit, differentiate
 from sim2real.search.hypotheses import REPLACED, added_lag
 
@@ -165,6 +165,19 @@ def idle_cost(point: Point, names: Sequence[str], rig: Rig) -> float:
     """
     idle = sum(_later(point, name, names, rig) <= 0 if name in REPLACED else _absent(point, name) for name in names)
     return inf if idle and len(names) > 1 else IDLE * idle
+
+
+def unnamed_pair(attribution: Attribution) -> Candidate | None:
+    """The best pair that is not named because one of both changes nothing, see `idle_cost`; None without one."""
+    p = attribution.problem
+    rig, motion = p.parts[0].record.nominal, motion_reached(p)
+    found = [
+        c for c in attribution.candidates
+        if len(c.effects) > 1 and not c.contradicted and np.isfinite(c.fit.cost)
+        and isinf(idle_cost(c.fit.hypothesis.point(c.fit.u), c.effects, rig))
+        and np.isfinite(meaningless_cost(c.fit, rig, motion))
+    ]  # fmt: skip
+    return min(found, key=lambda c: c.predictive, default=None)
 
 
 def _absent(point: Point, name: str) -> bool:

@@ -110,15 +110,18 @@ def contradictions(attribution: Attribution, named: Collection[str] = ()) -> lis
     return found
 
 
-def best_partial(attribution: Attribution, probable: int | None) -> Candidate:
+def best_partial(attribution: Attribution, probable: int | None, unnamed: Candidate | None = None) -> Candidate:
     """The best partial explanation: the most probable effects, or calibration where none explains more than it.
 
     Args:
         attribution: The fitted candidates.
         probable: Index of the most probable candidate with effects; None or 0 where there is none.
+        unnamed: What is not named although it may leave the least, such as a stated lag in another form beside an
+            effect; it is taken where it leaves less than half. None: nothing is.
     """
     if probable:
         best = attribution.candidates[probable]
     else:
         best = min(attribution.candidates, key=lambda c: (bool(c.contradicted), c.predictive))
-    return best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration
+    best = best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration
+    return best if unnamed is None or unnamed.fit.excess > 0.5 * best.fit.excess else unnamed

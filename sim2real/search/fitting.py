@@ -94,6 +94,11 @@ class Fit:
         return inverse(self.normal)
 
     @property
+    def excess(self) -> float:
+        """Cost beyond the noise."""
+        return self.cost - 2.0 * self.residual.size
+
+    @property
     def spread(self) -> np.ndarray:
         """Standard errors (size,) by the curvature.
 

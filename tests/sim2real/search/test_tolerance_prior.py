@@ -112,6 +112,11 @@ def test_what_contradicts_the_rig_is_said_and_never_a_partial_explanation():
     assert contradictions(found, ["mass"]) == []
     assert best_partial(found, None) is late is best_partial(found, 2)
     assert best_partial(found, 3) is calibration  # a damping that explains nothing
+    formed, little = (
+        fitted(("damping", "delay"), [1.0, 1.0, 0.0], 2e4),
+        fitted(("damping", "delay"), [1.0, 1.0, 0.0], 4e4),
+    )
+    assert best_partial(found, 2, formed) is formed and best_partial(found, 2, little) is late
 
 
 def test_beside_another_effect_a_stated_parameter_stays_within_what_the_rig_states():
