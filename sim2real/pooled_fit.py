@@ -105,7 +105,7 @@ def _about(problem: Problem, h: Hypothesis, u: np.ndarray) -> tuple[Problem, np.
     common = float(np.mean([moved.errors.get(name, 0.0) * scale for name, scale in scales.items()]))
     at = next(i for i, c in enumerate(h.coordinates) if c.effect == "actuator_gain")
     gain, same = h.coordinates[at], np.array(u)
-    same[at] = gain.at((1 + gain.value(float(u[at]))) * (1 + common) - 1)
+    same[at] = gain.to_bounds(gain.at((1 + gain.value(float(u[at]))) * (1 + common) - 1))
     errors = {name: moved.errors.get(name, 0.0) - common / scale for name, scale in scales.items()}
     return moved.with_errors(h.point(same), {**moved.errors, **errors}), same
 

@@ -6,9 +6,8 @@ import numpy as np
 
 from sim2real.coefficients import misfit
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.fitting import Fit, begin, iterate
 from sim2real.search.hypotheses import starts
-from sim2real.search.screening import extended, kept, screened
 
 BODY = "support_resonance"
 # What is known as the mass was weighed with all that hangs on it. The scale of gain and stiffness rests on that.
@@ -16,6 +15,8 @@ INSIDE = {BODY: {"inside": 1.0}}
 LACKS = 10.0  # times the noise that one mass must leave
 EXPLAINS = 0.1  # of what it leaves, what a second body may leave
 STEPS = 40
+HEAVY = {"mass_ratio": 0.3, "damping_ratio": 0.02}  # of a second body, where a fit begins
+FOLLOWED = 4  # starts that are followed, beside the nominal rig and beside the fit of one mass
 
 
 def with_second_body(problem: Problem, fit: Fit) -> Fit | None:
@@ -31,15 +32,16 @@ def with_second_body(problem: Problem, fit: Fit) -> Fit | None:
         return None
     h = replace(fit.hypothesis, effects=(*fit.hypothesis.effects, BODY), given=INSIDE)
     first = len(fit.hypothesis.coordinates)
-    # What one mass lacks may have driven its fit far away, so starts lie beside the nominal rig, too.
-    (nominal,) = begin([fit.hypothesis], [np.zeros(fit.u.size)], problem.data, problem.simulate)
-    seeds = [one for one in (nominal, fit) if np.isfinite(one.cost)]
-    differentiate(seeds, problem.data, problem.simulate, True)
+    body = h.coordinates[first:]
+    at = [np.array([c.at(HEAVY.get(c.parameter, c.value(v))) for c, v in zip(body, start, strict=True)])
+          for start in starts(BODY, h.scales)]  # fmt: skip
+    # What one mass lacks may have driven its fit far away, so starts lie beside the nominal rig, too. A body that is a
+    # good part of the mass changes too much for a linear prediction: all starts are simulated.
     begun: list[Fit] = []
-    for seed in seeds:
-        own = [np.concatenate([seed.u[:first], start]) for start in starts(BODY, h.scales)]
-        chosen = kept(screened(problem, [(seed, h, extended(h, u, seed)) for u in own]))
-        begun += begin([s.hypothesis for s in chosen], [s.u for s in chosen], problem.data, problem.simulate)
+    for u in (np.zeros(fit.u.size), fit.u):
+        own = [np.concatenate([u[:first], start, u[first:]]) for start in at]
+        tried = begin([h] * len(own), own, problem.data, problem.simulate)
+        begun += sorted(tried, key=lambda one: one.cost)[:FOLLOWED]
     iterate(begun, problem.data, problem.simulate, STEPS)
     best = min(begun, key=lambda one: one.cost, default=fit)
     return best if best.cost < EXPLAINS * fit.cost else None

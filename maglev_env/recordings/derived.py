@@ -6,6 +6,8 @@ import numpy as np
 import scipy
 
 SLOWEST = 4.0  # periods in a record: slower motion than this cannot be told from the drift of an accelerometer
+# Bands of lines, share of them that are taken for noise alone, and times its power from which one stands out.
+BANDS, QUIET, CLEAR = 60, 0.1, 10.0
 START = 5.0  # time constants of a coil whose voltage tells what flowed at the start
 
 
@@ -21,23 +23,48 @@ def displacements(channels: Mapping[str, np.ndarray], rate: float) -> tuple[dict
         kind, mark, axis = name.partition("_")
         displacement = f"displacement{mark}{axis}"
         if kind == "acceleration" and displacement not in channels:
-            found[displacement] = integrated_twice(values, rate)
-            notes.append(
-                f"{displacement} is the acceleration integrated twice, from {SLOWEST * rate / values.size:.3g} Hz on"
-            )
+            found[displacement], slowest = integrated_twice(values, rate)
+            notes.append(f"{displacement} is the acceleration integrated twice, from {slowest:.3g} Hz on")
     return found, notes
 
 
-def integrated_twice(acceleration: np.ndarray, rate: float) -> np.ndarray:
-    """Displacement (samples,) of an acceleration (m/s2), without what is slower than SLOWEST periods in the record."""
+def integrated_twice(acceleration: np.ndarray, rate: float) -> tuple[np.ndarray, float]:
+    """Displacement of an acceleration (m/s2), without what is too slow to be told from the accelerometer's drift.
+
+    That is what is slower than SLOWEST periods in the record. Noise is integrated, too, and grows with the fourth power
+    of a falling frequency: where what lies below the first line that stands out of it would be most of the motion, that
+    is left out as well.
+
+    Args:
+        acceleration: (samples,).
+        rate: Hz.
+
+    Returns:
+        Displacement (samples,), and the lowest frequency in it, Hz.
+    """
     n = acceleration.size
     spectrum = np.asarray(scipy.fft.rfft(acceleration - acceleration.mean()))
     line = np.arange(spectrum.size)
-    omega = 2 * np.pi * line * rate / n
-    kept = line >= SLOWEST
-    spectrum[kept] /= -(omega[kept] ** 2)
+    first = _first_clear(abs(spectrum) ** 2, int(SLOWEST))
+    kept = line >= first
+    spectrum[kept] /= -((2 * np.pi * line[kept] * rate / n) ** 2)
     spectrum[~kept] = 0.0
-    return np.asarray(scipy.fft.irfft(spectrum, n))
+    return np.asarray(scipy.fft.irfft(spectrum, n)), first * rate / n
+
+
+def _first_clear(power: np.ndarray, slowest: int) -> int:
+    """The first line from `slowest` on that stands out of the noise in the power (lines,) of an acceleration; `slowest`
+    itself unless most of the displacement would lie below the other."""
+    edges = np.unique(np.geomspace(slowest, max(power.size, slowest + 1), BANDS).astype(int))
+    if edges.size < 2:
+        return slowest
+    means = np.add.reduceat(power[: edges[-1]], edges[:-1]) / np.diff(edges)
+    clear = np.flatnonzero(means > CLEAR * np.quantile(means, QUIET))
+    if not clear.size:
+        return slowest
+    first = int(edges[clear[0]])
+    moved = power[slowest:] / np.arange(slowest, power.size) ** 4.0
+    return first if moved[: first - slowest].sum() > moved[first - slowest :].sum() else slowest
 
 
 def coil_current(voltage: np.ndarray, rate: float, resistance: float, inductance: float) -> np.ndarray:

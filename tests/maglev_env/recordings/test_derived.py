@@ -18,7 +18,19 @@ def test_an_acceleration_becomes_the_displacement_of_its_lines():
     measured = -2e-5 * (40 * np.pi) ** 2 * np.sin(2 * np.pi * 20 * T + 0.3) - 1e-6 * (310 * np.pi) ** 2 * np.cos(
         2 * np.pi * 155 * T
     )
-    assert integrated_twice(measured + 0.4, RATE) == pytest.approx(motion, abs=1e-11)
+    found, slowest = integrated_twice(measured + 0.4, RATE)
+    assert found == pytest.approx(motion, abs=1e-11) and slowest == 2.0
+
+
+def test_noise_that_would_be_most_of_the_motion_is_not_integrated():
+    rng, t = np.random.default_rng(3), np.arange(40_000) / RATE
+    tones = {40: 3e-5 * np.sin(2 * np.pi * 40 * t), 11: 2e-5 * np.sin(2 * np.pi * 11 * t)}
+    motion = tones[40] + tones[11]
+    measured = sum(-((2 * np.pi * f) ** 2) * tone for f, tone in tones.items())
+    found, slowest = integrated_twice(measured + 0.1 * rng.normal(size=t.size), RATE)
+    assert 5.0 < slowest < 11.0 and np.std(found - motion) < 0.1 * np.std(motion)
+    quiet, least = integrated_twice(measured + 1e-5 * rng.normal(size=t.size), RATE)
+    assert least == 0.2 and np.std(quiet - motion) < 0.02 * np.std(motion)
 
 
 def test_a_voltage_becomes_the_current_of_the_coil():
@@ -47,6 +59,7 @@ def test_the_drift_of_an_integrated_acceleration_is_no_lost_levitation(tmp_path)
     rng = np.random.default_rng(2)
     t = np.arange(40_000) / RATE
     moved = 20.0 * np.sin(2 * np.pi * 40 * t) + 0.5 * rng.normal(size=t.size)
+    moved += 5e-3 * np.cumsum(rng.normal(size=t.size))  # louder than the white noise below 3 Hz
     np.savez(tmp_path / "run.npz", acc=moved, i=0.3 + 0.1 * np.sin(2 * np.pi * 40 * t) + 1e-3 * rng.normal(size=t.size))
     (tmp_path / "campaign.toml").write_text(
         f"""schema = "maglev-campaign/1"
