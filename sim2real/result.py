@@ -172,8 +172,10 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
         if shape := fit.hypothesis.shapes.get(name):
             if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
-                at_bound = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
-                se = None if at_bound or not known else float(sd[i]) * shape.change(at)
+                at_end = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
+                se = None if at_end or not known else float(sd[i]) * shape.change(at)
+                # All of a share is a form of its own, and not the end of a search.
+                at_bound = at_end and (shape.parameter.low, shape.parameter.high) != (0.0, 1.0)
                 found[name] = {"value": value, "se": se, "at_bound": at_bound}
             continue
         sigma = fit.hypothesis.sigma(name)

@@ -28,3 +28,10 @@ def test_a_fitted_candidate_has_those_of_its_normal_equations_and_prior():
     found = fitted_parameters(fit(np.array([[0.5 + 0j, 0], [0, 0]])))
     assert found["mass.change"]["se"] == pytest.approx(0.1 * 2)
     assert found["probe_gain (relative)"]["se"] == pytest.approx(0.02)
+
+
+def test_a_form_that_is_wholly_taken_has_not_ended_at_a_bound():
+    h = Hypothesis(("support_resonance",), {}, shaped=("support_resonance",))
+    u = h.bounded(np.full(h.size, 50.0))
+    found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, np.zeros((h.size, 2), complex))))
+    assert found["support_resonance.inside"] == {"value": 1.0, "se": None, "at_bound": False}
