@@ -32,7 +32,7 @@ from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, d
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.fitting import Fit
-from sim2real.second_body import BODY, body_in_words, with_second_body
+from sim2real.second_body import BODY, SecondBody, body_in_words, second_body_of, with_second_body
 
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
@@ -51,6 +51,7 @@ class Pooled:
         notes: What was assumed.
         contradictions: Sentences about what motion says against means and weight.
         gain: The actuator's gain over frequency; None where no current was measured.
+        second_body: What one mass lacks; None where none was fitted.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -61,6 +62,7 @@ class Pooled:
     notes: tuple[str, ...] = ()
     contradictions: tuple[str, ...] = ()
     gain: ApparentGain | None = None
+    second_body: SecondBody | None = None
 
 
 def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:
@@ -108,11 +110,20 @@ def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], Non
         whole = _reaching(whole, of_each[AT_REST])
     told_late = None if late is None else in_words(late)
     drifted = None if static is None else drift_in_words(static)
-    notes = tuple(filter(None, [told_late, body_in_words(fit), *differ, exact_mass(records), drifted]))
+    body = second_body_of(fit)
+    said = None if body is None else body_in_words(body)
+    notes = tuple(filter(None, [told_late, said, *differ, exact_mass(records), drifted]))
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(
-        whole, misfit(fit), tuple(apart), of_each, notes=notes, contradictions=tuple(contradictions), gain=over
+        whole,
+        misfit(fit),
+        tuple(apart),
+        of_each,
+        notes=notes,
+        contradictions=tuple(contradictions),
+        gain=over,
+        second_body=body,
     )
 
 

@@ -1,6 +1,6 @@
 """A rotor that bends or a support that gives way, in the fit of one rig to its recordings."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,14 +47,35 @@ def with_second_body(problem: Problem, fit: Fit) -> Fit | None:
     return best if best.cost < EXPLAINS * fit.cost else None
 
 
-def body_in_words(fit: Fit) -> str | None:
+@dataclass(frozen=True)
+class SecondBody:
+    """What hangs on a spring inside the stated mass.
+
+    Attributes:
+        share: Its part of the stated mass.
+        mode_hz: Of the free rotor, Hz.
+        damping_ratio: Of the body on its spring.
+    """
+
+    share: float
+    mode_hz: float
+    damping_ratio: float
+
+
+def second_body_of(fit: Fit) -> SecondBody | None:
     """The second body of a fit, None where it has none."""
     body = fit.hypothesis.point(fit.u).effects.get(BODY)
     if BODY not in fit.hypothesis.effects or body is None:
         return None
     ratio = body["mass_ratio"]
+    mode = float(body["frequency"] * np.sqrt(1 + ratio))
+    return SecondBody(ratio / (1 + ratio), mode, body["damping_ratio"])
+
+
+def body_in_words(body: SecondBody) -> str:
+    """A note that a second body was fitted."""
     return (
         "the rotor bends, or its support gives way: one mass leaves much, so a second body on a spring is fitted, "
-        f"{ratio / (1 + ratio):.0%} of the stated mass, with a mode of the free rotor at "
-        f"{body['frequency'] * np.sqrt(1 + ratio):.4g} Hz; gain, stiffness and damping are those beside it"
+        f"{body.share:.0%} of the stated mass, with a mode of the free rotor at {body.mode_hz:.4g} Hz; gain, stiffness "
+        "and damping are those beside it"
     )

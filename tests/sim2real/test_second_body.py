@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.campaign import load_campaign
+from maglev_workbench.commands.estimate.pooled_report import pooled_json
 from sim2real.pooled import pooled
 from sim2real.recorded.records import read_records
 
@@ -92,5 +93,9 @@ def test_a_rotor_that_bends_is_fitted_with_its_mode(tmp_path, bends):
     assert found.misfit < 2.0
     said = [note for note in found.notes if "the rotor bends" in note]
     assert len(said) == bends
+    assert (found.second_body is not None) == bends
     if bends:
+        body = pooled_json(found)["second_body"]
+        assert body["share"] == pytest.approx(BODY / (MOVER + BODY), rel=0.05)
+        assert body["mode_hz"] == pytest.approx(MODE, rel=0.01)
         assert "38% of the stated mass" in said[0] and f"at {MODE:.4g} Hz"[:7] in said[0]

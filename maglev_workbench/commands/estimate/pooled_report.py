@@ -1,6 +1,7 @@
 """The pooled estimate of a named rig: a table of identified against nominal values, and JSON."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -145,6 +146,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
         "contradictions": list(found.contradictions),
         "held_out": list(found.held_out),
         "notes": list(found.notes),
+        "second_body": None if found.second_body is None else asdict(found.second_body),
         "gain_over_frequency": gain_json(found.gain) if found.gain is not None else None,
         "recordings": {name: [_coefficient(c) for c in own] for name, own in found.of_each.items()},
     }
