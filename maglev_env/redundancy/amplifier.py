@@ -20,6 +20,8 @@ REACH, BESIDE = (0.05, 50.0), 1.3  # samples: a time constant that is not known 
 ALLOWED = 16.0  # rise of the cost within which a time constant is possible: four standard deviations
 DELAY = 0.3  # of a sample
 KNOWN = 0.4  # relative width of what is possible, up to which a time constant is worth stating
+NOTHING, BY_CHANCE = 0.3, 2.0  # share of the expected current, and of what chance alone makes, that are no relation
+STILL = 0.03  # of the expected power of a current, below which it does not move
 EFFECTS = ("delay", "amplifier_lag", "amplifier_voltage_limit")
 
 
@@ -70,6 +72,30 @@ def _driven(view: View) -> Lines | None:
         return None
     parts = {name: spectra * lines.parts[drives[0]].conj() for name, spectra in lines.parts.items()}
     return replace(lines, parts=parts, periodic=True)  # means over the segments are compared
+
+
+def unrelated(view: View) -> list[Finding]:
+    """A current that has no part of what the nominal amplifier makes of the command, where that should show."""
+    if not _comparable(view) or (lines := _driven(view)) is None or not lines.frequency.size:
+        return []
+    made = view.nominal(lines.frequency).amplifier * lines.parts["command"]
+    power = np.sum(abs(made) ** 2)
+    if not power > 0:
+        return []
+    read = lines.parts["current"]
+    if np.sum(abs(read) ** 2) < STILL * power:  # a dead band, or nothing in the channel, and not another coil
+        return []
+    # Along every line the current may be late, so the lines' sizes are added and not their phases.
+    size = abs(np.sum(np.conj(made) * read, axis=0))
+    error = np.sqrt(np.sum(abs(made) ** 2 * abs(read) ** 2, axis=0))  # of that size without any relation
+    share, chance = float(size.sum() / power), float(error.sum() / power)
+    if share > NOTHING or share > BY_CHANCE * chance or chance > NOTHING:
+        return []
+    text = (
+        f"current: column {view.columns.get('current', 'current')!r} has nothing of what the amplifier makes of the "
+        f"command ({share:.0%} of it, {chance:.0%} by chance): it is the current of another coil, or another quantity"
+    )
+    return [Finding("mismatch", view.recording, "current", share, None, text, "contradiction")]
 
 
 def unstated_pole(view: View) -> list[Finding]:

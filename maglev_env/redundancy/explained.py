@@ -38,7 +38,7 @@ def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
         return _controller(view, rows)  # wrong gains bend both, and are one mistake
     if both := two_causes(rows, view.rate):
         return [_one(view, [cause], rows) for cause in both]
-    exact = [row for row in off if not _or_effect(row)]
+    exact = [row for row in off if not or_effect(row)]
     if not exact:
         return [_row(view, row) for row in off]
     # The rows of exact relations alone may have one cause, while an effect moves the others.
@@ -55,7 +55,7 @@ def _with_their_peak(rows: Sequence[Row], rate: float) -> list[Cause]:
     return [c for c in causes([r for r in rows if not r.code.startswith("designed")], rate) if c.name in stated]
 
 
-def _or_effect(row: Row) -> bool:
+def or_effect(row: Row) -> bool:
     """Whether effects of the library can cause all that is off in a row; none reverses a sign or is so large."""
     gain = not row.gain_off() or (bool(row.gain_effects) and row.gain > 0 and abs(row.size) < np.log(LARGEST))
     return gain and (not (row.delay_off() or row.shape_off) or bool(row.delay_effects))
@@ -76,7 +76,7 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     named = [*channels, *(c for c in found if c not in channels)]
     lead = (named or together)[0]
     off = [row for row in rows if row.off and lead.name in row.powers] or [row for row in rows if row.off]
-    sure = any(not _or_effect(row) for row in off)
+    sure = any(not or_effect(row) for row in off)
     factor = (-1 if lead.negative else 1) * float(np.exp(lead.size))
     reach = 2 * lead.size_se * abs(factor)
     says, code, value, interval = [], "scale", factor, (factor - reach, factor + reach)
@@ -166,7 +166,7 @@ def _controller(view: View, rows: Sequence[Row]) -> list[Finding]:
     added = [n for n in ("injection",) if n in view.recorded]
     names = " or ".join(["command", *read, *added, "gains"])
     amplifier = next((r for r in rows if r.code == "amplifier"), None)
-    if amplifier is not None and amplifier.off and not _or_effect(amplifier):
+    if amplifier is not None and amplifier.off and not or_effect(amplifier):
         both = "command or current" if "current" in read else "command"
         text = (
             f"{both}: column {view.columns.get('command', 'command')!r} is neither what the stated controller makes of "
@@ -214,7 +214,7 @@ def _row(view: View, row: Row) -> Finding:
     effects = _effects([row])
     wrong = "check when each is sampled; it may be" if late else "a scale, or" if row.gain_off() else "a filter, or"
     text += f": {wrong} an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
-    kind: Kind = "effect" if _or_effect(row) else "wiring"
+    kind: Kind = "effect" if or_effect(row) else "wiring"
     se = 2 * row.gain_se * abs(row.gain)
     return Finding(row.code, view.recording, names, row.gain, (row.gain - se, row.gain + se), text, kind)
 
@@ -244,5 +244,5 @@ def _several(view: View, off: Sequence[Row]) -> Finding:
         f"{names}: no single cause explains this: {parts}. The file of another rig or recording, swapped columns, or "
         "several errors: check file, columns and rig"
     )
-    sure = len([row for row in off if not _or_effect(row)]) > 1
+    sure = len([row for row in off if not or_effect(row)]) > 1
     return Finding("mismatch", view.recording, names, None, None, text, "contradiction" if sure else "wiring")

@@ -14,14 +14,14 @@ from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
-from maglev_env.redundancy.amplifier import amplified, unstated_pole
+from maglev_env.redundancy.amplifier import amplified, unrelated, unstated_pole
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
 from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coupling import coupled, slow_parts
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
-from maglev_env.redundancy.explained import explained
+from maglev_env.redundancy.explained import explained, or_effect
 from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
@@ -58,6 +58,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "drift": drifts,
     "sensitivity": sensitivity,
     "rail": rails,
+    "unrelated": unrelated,
     "unstated": unstated_pole,
 }
 # What exchanged columns or a wrong rate can look like.
@@ -69,6 +70,7 @@ FINAL = (
     "missing samples",
     "gains",
 )  # others would only repeat in other words what these found
+TIMED = ("controller", "newton")  # comparisons that depend on the rate
 CHANGED = ("range change", "clock")  # a mean over the periods says nothing then
 
 
@@ -207,27 +209,44 @@ def _column(spec: RecordingSpec, name: str) -> str:
 
 
 def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[Finding]:
-    """A recording that never repeats whose comparisons agree at the control rate, which is not the stated one."""
+    """A recording that never repeats whose comparisons agree at the control rate, which is not the stated one.
+
+    Or one of them agrees there that depends on the rate, by the stated controller or by the mass, and what else does
+    not agree may be an effect.
+    """
     rig = campaign.rig
     if rig is None or signals.periodic or signals.sample_rate == rig.control_rate:
         return []
-    if not _agrees(_views(campaign, spec, replace(signals, sample_rate=rig.control_rate))):
+    views = _views(campaign, spec, replace(signals, sample_rate=rig.control_rate))
+    if not _agrees(views) and not _timed(views):
         return []
     text = (
-        f"time: every comparison agrees at the control rate of {rig.control_rate:g} Hz; check sample_rate = "
-        f"{signals.sample_rate:g} Hz"
+        f"time: the channels agree at the control rate of {rig.control_rate:g} Hz; check sample_rate = "
+        f"{signals.sample_rate:g} Hz and the unit of the time"
     )
     return [Finding("rate", spec.file, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
 
 
 def _agrees(views: Iterable[View], codes: Collection[str] = ()) -> bool:
     """Whether there are comparisons, these among them, and all agree, and no rule finds a contradiction."""
+    rows = _uncontradicted(views)
+    return bool(rows) and {*codes} <= {row.code for row in rows} and not any(row.off for row in rows)
+
+
+def _timed(views: Iterable[View]) -> bool:
+    """Whether a comparison that depends on the rate agrees, and what does not agree may be an effect."""
+    rows = _uncontradicted(views)
+    return any(r.code.startswith(TIMED) and not r.off for r in rows) and all(or_effect(r) for r in rows if r.off)
+
+
+def _uncontradicted(views: Iterable[View]) -> list[Row]:
+    """The comparisons of all views; none where a rule finds a contradiction in one."""
     rows = []
     for view in views:
         if any(f.kind == "contradiction" for rule in RULES.values() for f in rule(view)):
-            return False
+            return []
         rows += comparisons(view)
-    return bool(rows) and {*codes} <= {row.code for row in rows} and not any(row.off for row in rows)
+    return rows
 
 
 def refusals(found: Iterable[Finding]) -> list[Finding]:

@@ -255,6 +255,25 @@ def test_another_rate_than_the_stated_one_is_found(open_folder, tmp_path):
     assert found[0].code == "rate" and "20000 Hz" in found[0].message
 
 
+def test_another_rate_is_found_where_the_amplifier_is_late_besides(tmp_path):
+    late_one = bench_loop.write_campaign(tmp_path, bench_loop.Bench(noise=0.5e-6, delay=4e-5), {"noise": "fit"}, 1.5, 4)
+    found = changed(late_one, tmp_path / "c", "noise", lambda columns: None,
+                    lambda t: t.replace("sample_rate = 20000.0", "sample_rate = 10000.0"))  # fmt: skip
+    assert found[0].code == "rate" and "agree at the control rate of 20000 Hz" in found[0].message
+
+
+def test_the_current_of_another_coil_is_found_and_one_that_rests_in_a_dead_band_is_none(open_folder, tmp_path):
+    def another(columns):
+        rng = np.random.default_rng(7)
+        columns["current"] = columns["current"].std() * rng.normal(size=columns["current"].size)
+
+    found = changed(open_folder, tmp_path / "c", "noise", another)
+    assert found[0].code == "mismatch" and found[0].channel == "current" and "another coil" in found[0].message
+    found = changed(open_folder, tmp_path / "d", "noise", scale("current", 0.01))
+    assert not [f for f in found if "another coil" in f.message]
+    assert not [f for f in changed(open_folder, tmp_path / "e", "noise", lambda columns: None) if f.code == "mismatch"]
+
+
 def test_what_nothing_covers_is_said(sound, tmp_path):
     toml = (sound / "campaign.toml").read_text().split("[[recording]]")[1]
     lines = re.search(r"at = \"force\".*?(?=\n\n)", toml, re.S).group()
