@@ -25,6 +25,7 @@ from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles
 SHAPED, SHAPED_PAIRS = 4, 4  # best single effects and pairs that are tried in other forms
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 BLURRED_TIE, LEFT_SD = 0.05, 3.0  # that share where the best leaves no more than so many standard deviations of noise
+ADDS = 4.0  # cost that a pair must save beside one of its effects to be fitted again
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the standard errors of a fit are computed
 
 Progress = Callable[[str], None]
@@ -146,12 +147,20 @@ def _again(problem: Problem, earlier: Attribution, reach: np.ndarray | None) -> 
     """The single effects and the pairs of an earlier attribution, fitted from where they ended.
 
     Those that are farther behind the best there than they reach are only simulated: they keep their coordinates and
-    have no Jacobian, and so no standard errors.
+    have no Jacobian, and so no standard errors. So are pairs that save next to nothing beside one of their effects:
+    with an effect that explains the gap any other one makes such a pair, and to fit them all would take most of the
+    time.
     """
     known = [c.fit for c in earlier.candidates if c.effects]
     fits = begin([f.hypothesis for f in known], [f.u for f in known], problem.data, problem.simulate)
     least = min((f.cost for f in fits), default=np.inf)
     far = np.full(len(fits), np.inf) if reach is None else reach[[bool(c.effects) for c in earlier.candidates]]
-    near = [f for f, own in zip(fits, far, strict=True) if f.cost <= least + own]
+    alone = {f.hypothesis.effects[0]: f.cost for f in fits if len(f.hypothesis.effects) == 1}
+
+    def adds(f: Fit) -> bool:
+        own = f.hypothesis.effects
+        return len(own) == 1 or f.cost < min(alone.get(name, np.inf) for name in own) - ADDS
+
+    near = [f for f, own in zip(fits, far, strict=True) if f.cost <= least + own and adds(f)]
     iterate(near, problem.data, problem.simulate, ITERATIONS)
     return [f for f in fits if len(f.hypothesis.effects) == 1], [f for f in fits if len(f.hypothesis.effects) > 1]
