@@ -1,5 +1,6 @@
 """A self-contained HTML page: the answer, tables, interactive figures, and how it was made."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from math import ceil, floor, inf, isfinite, isnan, log10
@@ -56,7 +57,7 @@ def page(
         f'<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<meta name="color-scheme" content="light dark">{GENERATOR}<title>{escape(title)}</title>'
         f'<link rel="icon" href="data:,"><style>{asset("page.css")}</style></head>\n'
-        f'<body>{NO_LINKS}<h1>{escape(title)}</h1>\n<p class="summary">{escape(summary)}</p>\n'
+        f'<body>{NO_LINKS}<h1>{escape(title)}</h1>\n<p class="summary">{html_text(summary)}</p>\n'
         + "\n".join(parts)
         + f"\n<footer><h2>What made this page</h2>{facts(made_by.items())}</footer>\n"
         f'<script type="application/json" id="figures">{figures_json(figures)}</script>\n'
@@ -79,10 +80,15 @@ def write_page(path: Path, html: str, data: Sequence[Path | None] = ()) -> None:
     link_pages(path)
 
 
+def html_text(text: str) -> str:
+    """HTML of plain text, in which a command stands between backticks."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """HTML of a table of text; everything is escaped."""
     cells = "".join(f"<th>{escape(name)}</th>" for name in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+    body = "".join("<tr>" + "".join(f"<td>{html_text(c)}</td>" for c in row) + "</tr>" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
@@ -96,7 +102,7 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def facts(pairs: Iterable[tuple[str, object]]) -> str:
     """HTML of a two-column table of names and values; everything is escaped."""
-    rows = "".join(f"<tr><th>{escape(str(k))}</th><td>{escape(str(v))}</td></tr>" for k, v in pairs)
+    rows = "".join(f"<tr><th>{escape(str(k))}</th><td>{html_text(str(v))}</td></tr>" for k, v in pairs)
     return f'<table class="facts">{rows}</table>'
 
 
@@ -122,7 +128,7 @@ def effects_in_words(effects: Mapping[str, Mapping[str, object]]) -> str:
 
 def note(text: str) -> str:
     """HTML of a paragraph in grey; the text is escaped."""
-    return f'<p class="note">{escape(text)}</p>'
+    return f'<p class="note">{html_text(text)}</p>'
 
 
 def number(value: float | None, digits: int = 3) -> str:

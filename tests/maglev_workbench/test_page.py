@@ -34,6 +34,11 @@ def test_a_page_carries_the_library_once_and_stays_small():
     assert 'name="viewport"' in html and html.index("The answer.") < html.index("<table")
 
 
+def test_a_command_in_a_sentence_is_set_as_code_and_everything_is_escaped():
+    made = page("t", "5 < 6; run `maglev check <x>`", [("", table(["a"], [["`new`"]]))], {})
+    assert "5 &lt; 6; run <code>maglev check &lt;x&gt;</code>" in made and "<td><code>new</code></td>" in made
+
+
 def test_a_page_without_figures_carries_no_library():
     assert len(a_page(figures=0)) < 30_000
 

@@ -1,12 +1,11 @@
 """The free correction of a block: a section of the page, with its curves."""
 
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maglev_env.units import prefixed
-from maglev_workbench.page import COLOURS, labelled_axis, note, shaded, styled
+from maglev_workbench.page import COLOURS, html_text, labelled_axis, note, shaded, styled
 from sim2real.free.correction import Free
 from sim2real.free.drawn import Drawn
 from sim2real.free.kinds import LINEAR, PLACES
@@ -26,7 +25,7 @@ _TALL, _HIGH = 130, 290  # pixels of the figure around its rows, and of a row
 
 def free_sections(free: Free) -> "list[tuple[str, str | Figure]]":
     """Sections of a page: a sentence and, where something was gained, the curves."""
-    heading, sentence = "A free correction of a block", f"<p>{escape(free.sentence().replace(' +- ', ' ± '))}</p>"
+    heading, sentence = "A free correction of a block", f"<p>{html_text(free.sentence().replace(' +- ', ' ± '))}</p>"
     if not free.gained:
         return [(heading, sentence)]
     return [(heading, sentence), ("", free_figure(free)), ("", note(_NOTE))]

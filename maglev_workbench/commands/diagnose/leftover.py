@@ -1,12 +1,11 @@
 """What the best partial explanation of an unexplained gap leaves: a section of the page, with its figure."""
 
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maglev_env.units import prefixed
-from maglev_workbench.page import COLOURS, labelled_axis, note, shaded, styled, table
+from maglev_workbench.page import COLOURS, html_text, labelled_axis, note, shaded, styled, table
 from sim2real.gap.leftover import Leftover
 from sim2real.gap.leftover_words import LEAST, leftover_lines
 from sim2real.gap.missing_force import QUANTITIES, Profile
@@ -36,7 +35,7 @@ def leftover_sections(left: Leftover) -> "list[tuple[str, str | Figure]]":
         )
         for r in left.recordings
     ]
-    lines = "".join(f"<li>{escape(line.replace(' +- ', ' ± '))}</li>" for line in leftover_lines(left))
+    lines = "".join(f"<li>{html_text(line.replace(' +- ', ' ± '))}</li>" for line in leftover_lines(left))
     return [
         ("What the best partial explanation leaves", f"<ul>{lines}</ul>"),
         ("", residual_figure(left)),

@@ -1,7 +1,6 @@
 """Reports of `maglev diagnose`: text for a terminal, and a page."""
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from maglev_workbench.commands.diagnose.free import free_sections
 from maglev_workbench.commands.diagnose.leftover import leftover_sections
 from maglev_workbench.commands.diagnose.minded import minded
 from maglev_workbench.console import marked
-from maglev_workbench.page import note, number, page, table
+from maglev_workbench.page import html_text, note, number, page, table
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.next_experiment import SEPARATED
 from sim2real.curves import curves
@@ -152,7 +151,7 @@ def _typeset(text: str) -> str:
 
 
 def _list(lines: Sequence[str]) -> str:
-    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+    return "<ul>" + "".join(f"<li>{html_text(line)}</li>" for line in lines) + "</ul>"
 
 
 def _made_by(d: Diagnosis) -> dict[str, object]:
@@ -268,7 +267,7 @@ def _next_sections(d: Diagnosis) -> "list[tuple[str, str | Figure]]":
     p = d.next_experiment
     if p is None:
         return []
-    found: list[tuple[str, str | Figure]] = [("What to measure next", f"<p>{escape(_next(d))}</p>")]
+    found: list[tuple[str, str | Figure]] = [("What to measure next", f"<p>{html_text(_next(d))}</p>")]
     if p.table:
         rows = [(what, number(v), "yes" if v > SEPARATED else "not surely") for what, v in p.table]
         found.append(("", table(("recording", "expected separation", "tells them apart"), rows)))

@@ -1,6 +1,5 @@
 """Reports of x-y identification by `maglev estimate`: JSON, a terminal table, and sections of the page."""
 
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from maglev_workbench.commands.estimate.planar_figures import (
     row_sum_panels,
 )
 from maglev_workbench.commands.estimate.report import MISFIT, POOR_FIT, ROWS
-from maglev_workbench.page import facts, note, number, table, with_interval
+from maglev_workbench.page import facts, html_text, note, number, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table
@@ -108,7 +107,7 @@ def planar_sections(files: str, found: PlanarIdentification) -> "list[tuple[str,
             sections.append(("", _foldable(head, rows)))
     if not known.all():
         sections += _sum_sections(files, found)
-    notes = "".join(f"<li>{escape(text)}</li>" for text in found.notes)
+    notes = "".join(f"<li>{html_text(text)}</li>" for text in found.notes)
     return [*sections, (f"Notes on {files}", f"<ul>{notes}</ul>")] if notes else sections
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.gain_report import gain_json, gain_line, gain_sections
+from maglev_workbench.page import html_text
 from maglev_workbench.page import table as html_table
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
@@ -43,7 +43,7 @@ def pooled_table(found: Pooled) -> "rich.table.Table":
 def pooled_sections(found: Pooled, apart: Sequence[str] = ()) -> "list[tuple[str, str | Figure]]":
     """The same table as a section of a page; apart: what `apart_lines` says."""
     said = [*apart, *pooled_lines(found)]
-    lines = "".join(f"<li>{escape(line.replace(' +- ', ' ± '))}</li>" for line in said)
+    lines = "".join(f"<li>{html_text(line.replace(' +- ', ' ± '))}</li>" for line in said)
     whole = html_table(_HEAD, _rows(found)) + (f"<ul>{lines}</ul>" if lines else "")
     sections: list[tuple[str, str | Figure]] = [("The rig in all recordings", whole)]
     if found.of_each:

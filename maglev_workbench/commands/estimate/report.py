@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,7 +20,7 @@ from maglev_workbench.commands.estimate.figures import (
     units_of,
 )
 from maglev_workbench.commands.estimate.gain_report import gain_json, gain_sections
-from maglev_workbench.page import facts, note, number, page, table, with_interval
+from maglev_workbench.page import facts, html_text, note, number, page, table, with_interval
 
 if TYPE_CHECKING:
     import rich.table
@@ -188,7 +187,7 @@ def _recording(file: str, found: Identification) -> "list[tuple[str, str | Figur
         sections.append((f"Sensitivity of {file} ({_source(found.stability)})", sensitivity(found.stability)))
         sections.append(("", note("Shaded: 95 % at each line. Dashed: where the zones of ISO 14839-3 meet.")))
         sections.append((f"Margins of {file}", facts(_margins(found.stability))))
-    notes = "".join(f"<li>{escape(text)}</li>" for text in found.notes)
+    notes = "".join(f"<li>{html_text(text)}</li>" for text in found.notes)
     return [*sections, (f"Notes on {file}", f"<ul>{notes}</ul>")] if notes else sections
 
 
