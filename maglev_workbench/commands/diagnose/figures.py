@@ -21,6 +21,7 @@ SIGNALS = ("command", "current", "force", "displacement", "reading")  # output o
 LINE, GAP = "currentColor", COLOURS[1]  # of the text, which is light on a dark screen
 FLOOR, SHOWN = 0.001, 9  # probability and number of hypotheses that the ranking shows
 _BOX, _STEP, _LEFT, _TOP, _HIGH, _ROW = 122, 208, 92, 66, 60, 28
+_WIDEST = 15  # characters of an effect's name that a block holds in one line
 _QUANTITY = {"receptance": ("displacement / force in µm/N", 1e6), "sensitivity": ("|S|", 1.0)}
 
 
@@ -101,11 +102,21 @@ def _box(index: int, name: str, darkness: float, effects: Sequence[str]) -> str:
     edge = f'stroke="{GAP}" stroke-width="3"' if blamed else f'stroke="{LINE}" stroke-width="1.3"'
     place = f'<rect x="{x}" y="{_TOP}" width="{_BOX}" height="{_HIGH}" rx="6"'
     shape = f'{place} style="fill:var(--ground)" {edge}/>{place} fill="{GAP}" fill-opacity="{0.6 * darkness:.2f}"/>'
-    lines = [name, *blamed]
-    start = _TOP + _HIGH / 2 + 5 - 8 * (len(lines) - 1)
+    lines = [name, *(line for effect in blamed for line in _in_box(effect))]
+    apart = min(16.0, (_HIGH - 4) / len(lines))
+    start = _TOP + _HIGH / 2 + 5 - apart / 2 * (len(lines) - 1)
     return shape + "".join(
-        _text(x + _BOX / 2, start + 16 * k, line, 14 if k == 0 else 12, k > 0) for k, line in enumerate(lines)
+        _text(x + _BOX / 2, start + apart * k, line, min(int(apart), 14 if k == 0 else 12), k > 0)
+        for k, line in enumerate(lines)
     )
+
+
+def _in_box(effect: str) -> list[str]:
+    """The name of an effect in lines that a block holds, parted behind an underscore."""
+    if len(effect) <= _WIDEST or "_" not in effect:
+        return [effect]
+    cut = min((i for i, c in enumerate(effect) if c == "_"), key=lambda i: abs(i - len(effect) / 2)) + 1
+    return [effect[:cut], effect[cut:]]
 
 
 def _text(x: float, y: float, words: str, size: int, bold: bool = False) -> str:

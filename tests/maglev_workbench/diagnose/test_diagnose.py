@@ -122,6 +122,9 @@ def test_the_loop_is_drawn_with_what_the_channels_isolate(diagnosed):
     assert rows.keys() == {name.replace("+", " + ") for name in blocks}
     assert rows["actuator"] > rows["actuator + mechanics + sensor"] == rows["controller + amplifier"]  # none overlaps
     assert "shaker&#x27;s force + unbalance" in svg and ">runout<" in svg
+    svg = loop_diagram(found, ("support_resonance", "friction"))  # each line within its block
+    lines = [(text, float(y)) for y, text in re.findall(r'y="([\d.]+)" [^>]*>(support_|resonance|friction)<', svg)]
+    assert [text for text, _ in lines] == ["support_", "resonance", "friction"] and lines[-1][1] < 66 + 60
     stand = replace(found.campaign, rig=load_rig("hmb_axial"))
     alone = replace(found, campaign=stand, where=replace(found.where, blocks={"mechanics+sensor": 1.0}))
     svg = loop_diagram(alone, ())
