@@ -14,9 +14,10 @@ from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
 from maglev_workbench.commands.tune.advised import (
-    ends_in_words,
+    farther_in_words,
     gains_in_words,
     kept_gains,
+    missed_on_rig,
     misses_within,
     tolerance_in_words,
     unstated_noise,
@@ -68,10 +69,9 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     if goal := task.layout.goal:
         text += f" On this rig it {goal_page.missed_in_words(goal, c.required)}."
         text += tolerance_in_words(task, goal, c.required) + unstated_noise(task, goal)
-    text += ends_in_words(task, c.point)
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
-    return text
+    return text + farther_in_words(task, c.point, bool(goal) and missed_on_rig(goal, c.required))
 
 
 def gain_heads(names: Sequence[str]) -> list[str]:
