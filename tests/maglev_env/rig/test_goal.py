@@ -86,3 +86,37 @@ def test_the_engineers_goal_is_in_proportion_to_the_rig_and_stays_when_it_is_dra
         assert own["recovery_time"].size < load_rig(preset).mass * 9.80665
     with pytest.raises(ValueError, match="no controlled magnet"):
         with_goal(load_rig("pedestal"), "engineer")
+
+
+def test_numbers_may_have_the_units_of_the_field():
+    stated = """
+    gain_margin >= 6 dB; peak_sensitivity <= 9.5dB; phase_margin >= 30°; displacement <= 30 %
+    compliance <= 44.5 µm/N in 0.01..0.25 kHz; stiffness >= 50 N/um; damping >= 30 N s/m; noise_current <= 20 mA rms
+    impulse_displacement <= 105 um after 3.93 mN s; recovery_time <= 30 ms after 0.786 N
+    lift_off_time <= 30 ms from 175 um
+    best current_peak near 900 mA
+    """
+    goal = parse_goal(stated)
+    assert goal == parse_goal(goal.text)
+    plain = """
+    gain_margin >= 1.99526, peak_sensitivity <= 2.98538, phase_margin >= 30, displacement <= 0.3,
+    compliance <= 4.45e-5 in 10..250, stiffness >= 5e7, damping >= 30, noise_current <= 0.02,
+    impulse_displacement <= 1.05e-4 after 3.93e-3, recovery_time <= 0.03 after 0.786
+    lift_off_time <= 0.03 from 1.75e-4,
+    best current_peak near 0.9
+    """
+    assert goal == parse_goal(plain)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("gain_margin >= 6 s", "dB and %"),
+        ("phase_margin >= 0.5 rad", "degrees"),
+        ("recovery_time <= 30 dB after 1", "'dB' is not s"),
+        ("recovery_time <= 30 ms after 1 s", "'s' is not N"),
+    ],
+)
+def test_another_unit_is_refused_with_the_right_one(text, words):
+    with pytest.raises(ValueError, match=words):
+        parse_goal(text)
