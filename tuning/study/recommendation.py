@@ -35,7 +35,7 @@ class Verdict:
         intervals: (low, high) of score over rigs within tolerance; and, over these and fresh noise, of
             peak_sensitivity, phase_margin, gain_margin_high and displacement_share.
         reason: Why they are refused, or None.
-        required: What the goal measures, by the names of the info: the mean over fresh noise on the rig itself, and
+        required: What the goal measures, by the names of the info: the median over fresh noise on the rig itself, and
             with _low and _high the ends over rigs within tolerance and fresh noise; empty for `match`.
     """
 
@@ -153,7 +153,11 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode 
 
 
 def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[str, float]:
-    """What the goal measures: means over the first trials, and the ends (percentiles) over all."""
+    """What the goal measures: medians over the first trials, and the ends (percentiles) over all.
+
+    Noise raises a gain margin without bound and lowers it little, so that its mean is far above that of the loop. Of a
+    quantity that is infinite in one of them, because the rotor touched down, so is the whole.
+    """
     found = {}
     for name in dict.fromkeys(name for one in again.info for name in one):
         if name.startswith("required_") and not name.endswith(("_low", "_high")):
@@ -161,7 +165,9 @@ def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[st
             known, own = values[~np.isnan(values)], values[:repeats]
             # A quantity of an event is infinite where the rotor touched down; between such values lies none.
             low, high = np.percentile(known, ends, method="closest_observation")
-            found[name] = float(own[~np.isnan(own)].mean()) if not np.isnan(own).all() else np.nan
+            own = own[~np.isnan(own)]
+            middle = np.median if np.isfinite(own).all() else np.mean
+            found[name] = float(middle(own)) if own.size else np.nan
             found |= {f"{name}_low": float(low), f"{name}_high": float(high)}
     return found
 

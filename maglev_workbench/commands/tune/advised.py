@@ -70,7 +70,7 @@ def farther_in_words(task: Task | RotorGoalTask, point: np.ndarray, missed: bool
 
 
 def missed_on_rig(goal: Goal, required: Mapping[str, float]) -> bool:
-    """Whether the mean on the rig itself misses a requirement of the goal."""
+    """Whether the median on the rig itself misses a requirement of the goal."""
     return any(misses(r, np.array([required.get(PREFIX + r.name, np.nan)]))[0] > 0 for r in goal.requirements)
 
 

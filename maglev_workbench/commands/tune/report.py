@@ -47,7 +47,7 @@ IDENTIFIED = (  # of every experiment, in SI, where it is known
 )  # fmt: skip
 NONE = "None of the gains tried is recommended: "
 GOAL_HEAD = ("experiment", "score", "met", "tightest")
-STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
+STANDS = ("requirement", "median", "limit", "95 % within tolerance", "")
 HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
 
 
@@ -234,15 +234,15 @@ def _goal_sections(
 
 
 def _stands(goal: Goal, v: Verdict) -> list[tuple[str, str, str, str, str]]:
-    """How gains stand to every requirement: the mean on the rig, the limit, the range over tolerance, the verdict."""
+    """How gains stand to every requirement: the median on the rig, the limit, the range over tolerance, the verdict."""
     rows = []
     for r, (words, _, limit, verdict) in zip(goal.measured, goal_page.requirement_rows(goal, v.required), strict=True):
         name, scale = goal_page.PREFIX + r.name, r.quantity.shown[0]
         low, high = (v.required.get(f"{name}_{end}", np.nan) * scale for end in ("low", "high"))
         if verdict == "met" and misses_within(r, v.required):
             verdict = "met, not by all"
-        mean = f"{number(v.required.get(name, np.nan) * scale)} {r.quantity.shown[1]}".strip()
-        rows.append((words, mean, limit, f"{number(low)} .. {number(high)}", verdict))
+        middle = f"{number(v.required.get(name, np.nan) * scale)} {r.quantity.shown[1]}".strip()
+        rows.append((words, middle, limit, f"{number(low)} .. {number(high)}", verdict))
     return rows
 
 

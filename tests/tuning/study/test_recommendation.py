@@ -79,6 +79,17 @@ def test_the_intervals_of_a_verdict_leave_out_one_of_forty_at_either_end():
     assert found.intervals["score"] == pytest.approx((0.2 + 0.025 * 0.6, 0.8 - 0.025 * 0.6), abs=1e-3)
 
 
+def test_a_gain_margin_is_told_without_the_readings_that_noise_raised():
+    """Of a loop with 2.9, 16 readings had a mean of 3.6."""
+    readings = np.array([2.5, 2.7, 2.8, 2.9, 2.9, 3.1, 3.6, 9.4])
+    info = tuple({"required_gain_margin": one, "required_lift_off_time": 0.01} for one in readings)
+    again = Trials(np.zeros((8, 3)), np.full(8, 0.8), np.zeros((8, 0)), info, np.zeros(8, bool))
+    assert verdict_of(np.zeros(3), again, 8, EPISODE).required["required_gain_margin"] == pytest.approx(2.9)
+    down = ({**info[0], "required_lift_off_time": np.inf}, *info[1:])
+    told = verdict_of(np.zeros(3), replace(again, info=down), 8, EPISODE).required
+    assert told["required_lift_off_time"] == np.inf  # one touchdown is one too many
+
+
 def test_nothing_that_failed_is_recommended():
     trials = tried((3000, 100, 1.0), (4000, 100, 1.0))
     failed = replace(trials, score=np.zeros(2))
