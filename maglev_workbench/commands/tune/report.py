@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
+from maglev_env.evaluation.goal_score import scale_in_words
 from maglev_env.loop.gains import unit_of_gain
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
@@ -69,6 +70,8 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     if goal := task.layout.goal:
         text += f" On this rig it {goal_page.missed_in_words(goal, c.required)}."
         text += tolerance_in_words(task, goal, c.required) + unstated_noise(task, goal)
+        reached = c.required.get(goal_page.PREFIX + goal.best.name, np.nan) if goal.best else np.nan
+        text += f" {scale_in_words(goal, reached)}".rstrip()
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
     return text + farther_in_words(task, c.point, bool(goal) and missed_on_rig(goal, c.required))
