@@ -292,6 +292,34 @@ def test_it_goes_less_of_the_way_where_the_whole_is_not_sure(monkeypatch):
     assert found.kind == "climb" and found.share == 0.85 and "not sure enough" in found.limited
 
 
+def test_a_safe_step_is_made_to_learn_whether_what_is_promised_is_so(monkeypatch):
+    """Seen on balls of another simulator: a first recording tells the gain margin to 10 %, so the search kept far from
+    its limit, and tuning for little noise stopped there, with 1.41 mA where 0.99 met everything."""
+    recorded = next_step(RIG, [gain_set(RIG)], goal=UNMET, budget=1)
+    own = replace(recorded.claimed[0], score=Value(0.82, 0.81, 0.83), expected=0.82, spread=0.006, met=1.0, reason=None)
+    advice = replace(recorded, claimed=(own,), stop=None)
+
+    def tried(advice, model, anchor, point):
+        gained = 0.04 * point[0]
+        better = replace(
+            own, gains=with_gains(PRESET, kp=8000.0 * (1 + point[0])), score=Value(0.82 + gained, 0.8, 0.87)
+        )
+        return replace(better, expected=0.82), "too near" if point[0] > 0.6 else None
+
+    model = SimpleNamespace(
+        corners=np.array([[-1.0], [1.0]]), point=lambda g: np.array([g.kp / 8000.0 - 1]), gains=lambda point: point[0]
+    )
+    monkeypatch.setattr(module, "optimum", lambda *_, draws=8: np.array([1.0 if draws == 1 else 0.0]))
+    monkeypatch.setattr(module, "predict", lambda model, far: replace(own, score=Value(0.82 + 0.04 * far, 0.8, 0.9)))
+    monkeypatch.setattr(module, "_tried", tried)
+    monkeypatch.setattr(module, "_limit", lambda *_: 3.0)
+    monkeypatch.setattr(module, "nearby", lambda *_: np.zeros((0, 1)))
+    found = module.onward(advice, model, 0, 6)
+    assert found.kind == "climb" and found.share == 0.55 and "the 0.860 are" in found.why
+    monkeypatch.setattr(module, "predict", lambda model, far: replace(own, missed=()))  # nothing to hope for
+    assert module.onward(advice, model, 0, 6).stop
+
+
 def test_rigs_that_the_recordings_allow_agree_with_what_was_recorded():
     """Each rig has its own ratio of measured to simulated; by that of the best one, the others scattered by 30 %."""
     held = replace(gain_set(true_rig()), noise_current=0.0131)
