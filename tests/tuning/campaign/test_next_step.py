@@ -333,6 +333,12 @@ def test_rigs_that_the_recordings_allow_agree_with_what_was_recorded():
     known = alone > 0
     assert (alone[known] / alone[0]).std() > 0.04
     assert np.abs(found[known] / 0.0131 - 1).max() < 4 * SEEN["noise_current"]
+    # What a noisy meter leaves open is left open, at these gains and elsewhere.
+    meter = replace(held, noise_error=0.2)
+    model = model_of(task, corners, loose, carried(loose, [meter], 0), [meter], 0)
+    for at in (meter, None):
+        spread = np.log(large(model, lanes, np.zeros(200, int), at)["noise_current"]).std()
+        assert 0.15 < spread < 0.25
 
 
 def test_a_sharp_line_is_not_smoothed_away():
