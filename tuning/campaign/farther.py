@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from maglev_env.design.defaults import with_defaults
+from maglev_env.loop.gain_card import TIME_CONSTANT
 from maglev_env.rig.rig import Rig
 from maglev_env.task.gain_box import TUNED
 from tuning.campaign.advice import Advice
@@ -12,6 +14,7 @@ from tuning.campaign.gain_set import GainSet
 
 FILTER = "td"  # of the derivative, whose lag costs phase
 BEYOND = 2.0  # factor by which ranges go on that nobody stated
+FASTEST = 1 / 3  # of a control period: a filter that is faster hardly filters
 
 
 def names_of(sets: Sequence[GainSet], tuned: Sequence[str] | None) -> tuple[str, ...]:
@@ -41,7 +44,8 @@ def farther(
     """
     stated = {**rig.bounds, **bounds}
     wider = {n: stated.get(n, (low / BEYOND, high * BEYOND)) for n, (low, high) in ranges.items() if n != FILTER}
-    return (*wider, FILTER), {**wider, **({FILTER: stated[FILTER]} if FILTER in stated else {})}
+    low, high = TIME_CONSTANT.range(getattr(with_defaults(rig).gains, FILTER))
+    return (*wider, FILTER), {**wider, FILTER: stated.get(FILTER, (min(low, FASTEST / rig.control_rate), high))}
 
 
 def in_words(advice: Advice, corners: np.ndarray) -> Advice:

@@ -26,7 +26,11 @@ def test_ranges_that_nobody_stated_go_farther():
     rig = replace(load_rig("hmb_free"), bounds={"kp": (3000.0, 24000.0)})
     names, wider = farther(rig, so_far, {"kd": (2.0, 15.0)})
     assert names == ("kp", "ki", "kd", "td")
-    assert wider == {"kp": (3000.0, 24000.0), "ki": (50.0, 40000.0), "kd": (2.0, 15.0)}
+    # The filter may be as fast as a control period lets it be: 1e-4 s in the rig, at 20 kHz.
+    assert wider == {
+        "kp": (3000.0, 24000.0), "ki": (50.0, 40000.0), "kd": (2.0, 15.0), "td": pytest.approx((1 / 60e3, 3e-4)),
+    }  # fmt: skip
+    assert farther(replace(rig, bounds={"td": (5e-5, 2e-4)}), so_far, {})[1]["td"] == (5e-5, 2e-4)
 
 
 def test_only_a_goal_that_may_be_missed_is_lacking():
@@ -52,7 +56,11 @@ def test_a_goal_that_kp_ki_and_kd_cannot_meet_is_met_with_the_filter():
     assert named.claimed[named.keep].missed == ("phase_margin",)
     open_ = next_step(RIG, sets, goal=goal)
     assert open_.kind == "climb" and open_.next.td < PRESET.td and "td " in open_.why
-    assert open_.prediction.met > 0.7 and "phase_margin" in named.stop
+    assert "phase_margin" in named.stop
     # Once a recording has another td it is tuned without being named.
-    sets.append(gain_set(rig, open_.next, seed=9, name="run9.npz"))
-    assert "td" in next_step(RIG, sets, goal=goal).task.box.names
+    for i in range(4):
+        sets.append(gain_set(rig, open_.next, seed=9 + i, name=f"run{9 + i}.npz"))
+        if (open_ := next_step(RIG, sets, goal=goal)).stop:
+            break
+    assert "td" in open_.task.box.names and open_.stop
+    assert open_.claimed[open_.keep].missed == () and open_.claimed[open_.keep].met > 0.7
