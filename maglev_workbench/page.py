@@ -111,6 +111,8 @@ def rig_facts(rig: Mapping[str, Any]) -> dict[str, str]:
     if not rig:
         return {"Rig": "not known"}
     found = {"Rig": f"{rig['name']} ({rig['magnet']}), {rig['mass']:g} kg"}
+    if rig.get("effects"):
+        found["Effects of the rig"] = effects_in_words(rig["effects"])
     driven = []
     for e in (rig.get("protocol") or {}).get("excitations", []):
         low, high = (e["lines"][end] * e["fundamental"] for end in (0, -1))

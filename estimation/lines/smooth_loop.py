@@ -22,6 +22,7 @@ WIDTHS = 40  # smoothing widths that are told apart, evenly in their logarithm
 COARSE = 4  # every so many of them are compared; then those between the best one and its neighbours
 NARROWEST, WIDEST = 0.3, 3.0  # of the smallest distance between lines, and of the whole range of the lines
 FLOOR = 1e-6  # of a response's largest variance, so that a line without noise does not dominate
+CLEAR = 3.0  # standard deviations within which a line's own reading tells how large it is
 _MAKING = Lock()  # threads that need the kernel at the same time make it once
 
 
@@ -40,9 +41,11 @@ def smooth_closed_loop(frequency: Array, response: Complex, variance: Array) -> 
         variance: Of its noise, E|noise|^2, (n, f). Where a loop has none at all, it is returned unchanged.
     """
     inverse = 1 / response
-    # A line that noise made small weighs too little at first.
+    # A line that noise made small weighs too little at first: its size is that of the first curve. That curve misses
+    # lines that are far smaller than others, because their noise is raised to FLOOR; what a clear line shows bounds it.
     first, _ = smooth_responses(frequency, inverse, variance * np.abs(inverse) ** 4)
-    noise = variance * np.abs(first) ** 4
+    size, doubt = np.abs(response), CLEAR * np.sqrt(variance)
+    noise = variance / np.clip(1 / np.abs(first), size - doubt, size + doubt) ** 4
     curve, spread = smooth_responses(frequency, inverse, noise)
     if frequency.size >= LOCAL:
         spread = spread * distortion_factor(frequency, inverse, noise)

@@ -1,6 +1,7 @@
 """The score of a goal: a term for every requirement, and one for what is made best; docs/goals.md gives the reasons."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from maglev_env.rig.goal import QUANTITIES, Goal, Requirement
 SOFT = 0.01  # of a limit: within some of it a requirement turns from met to missed
 MISSED = 0.05  # a requirement that is missed by this share of its limit has a term of one half
 FAR = 1e3  # a value farther from its limit than this factor counts as being there
+FLAT = 4.0  # from the scale of what is made best: a tenth of it changes the score by less than a hundredth beyond that
 BEST = "best"
 MARGINS = ("phase_margin", "gain_margin")  # unknown where the lines hold no crossing: those are met
 
@@ -61,3 +63,16 @@ def in_words(requirement: Requirement) -> str:
     scale, unit = {"m": (1e6, "µm"), "N s": (1e3, "mN s")}.get(q.condition[1], (1.0, q.condition[1]))
     ends = requirement.at if isinstance(requirement.at, tuple) else (requirement.at,)
     return f"{text}, {q.condition[0]} {' to '.join(f'{end * scale:.4g}' for end in ends)} {unit}"
+
+
+def scale_in_words(goal: Goal, value: float) -> str:
+    """A sentence where what is made best is so far from its scale that the score hardly tells it; "" elsewhere."""
+    best = goal.best
+    if best is None or not np.isfinite(value) or value <= 0 or abs(np.log(value / best.limit)) <= np.log(FLAT):
+        return ""
+    (factor, unit), near = best.quantity.shown, replace(best, limit=float(f"{value:.2g}"))
+    reached, stated = (f"{one * factor:.3g} {unit}".rstrip() for one in (value, best.limit))
+    return (
+        f"The {best.quantity.words} of {reached} is far from the scale that the goal states for what is made best, "
+        f"{stated}: the score hardly tells it; to go on, write '{Goal((), near).text}'."
+    )

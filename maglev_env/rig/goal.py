@@ -7,6 +7,7 @@ from math import inf
 from typing import Literal, get_args
 
 from maglev_env.fields import is_number
+from maglev_env.rig.goal_units import in_si
 
 EventKind = Literal["impulse", "step", "lift_off"]
 MATCH = "match"  # the goal that compares stiffness and damping with those of the target
@@ -182,10 +183,13 @@ class Goal:
 
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_CONDITION = rf"(?:\s+(?P<word>in|after|from)\s+(?P<low>{_NUMBER})(?:\s*\.\.\s*(?P<high>{_NUMBER}))?)?"
-_LIMIT = re.compile(rf"(?P<name>\w+)\s*(?P<sense><=|>=)\s*(?P<limit>{_NUMBER}){_CONDITION}")
+_UNIT = r"(?:\s*(?P<{}>[a-zA-Zµμ°%][a-zA-Zµμ°%/*· ]{{0,19}}?))?"
+_CONDITION = (
+    rf"(?:\s+(?P<word>in|after|from)\s+(?P<low>{_NUMBER})(?:\s*\.\.\s*(?P<high>{_NUMBER}))?{_UNIT.format('of')})?"
+)
+_LIMIT = re.compile(rf"(?P<name>\w+)\s*(?P<sense><=|>=)\s*(?P<limit>{_NUMBER}){_UNIT.format('unit')}{_CONDITION}")
 _WORST = re.compile(r"worst\s+of\s+(\d{1,6})\s+rigs")
-_BEST = re.compile(rf"best\s+(?P<name>\w+)(?:\s+near\s+(?P<limit>{_NUMBER}){_CONDITION})?")
+_BEST = re.compile(rf"best\s+(?P<name>\w+)(?:\s+near\s+(?P<limit>{_NUMBER}){_UNIT.format('unit')}{_CONDITION})?")
 
 
 def parse_goal(text: str) -> Goal:
@@ -193,6 +197,7 @@ def parse_goal(text: str) -> Goal:
 
     Statements are separated by commas, semicolons or lines; # begins a comment. `best` takes its scale and condition
     from the requirement of the same quantity, or states them. `worst of 16 rigs` judges on rigs within tolerance.
+    Numbers are SI or have a unit (`gain_margin >= 6 dB`, `recovery_time <= 30 ms after 0.8 N`).
 
     Raises:
         ValueError: A statement is not understood; the message quotes it and says what would be.
@@ -232,13 +237,22 @@ def check_goal(text: str) -> None:
 
 def _requirement(found: re.Match[str], statement: str) -> Requirement:
     at: float | tuple[float, float] | None = None
-    if found["word"]:
-        at = float(found["low"]) if found["high"] is None else (float(found["low"]), float(found["high"]))
-        condition = QUANTITIES[found["name"]].condition if found["name"] in QUANTITIES else None
-        if condition and condition[0] != found["word"]:
-            raise ValueError(f"goal: {statement!r}: the condition of {found['name']} is '{condition[0]}', not "
-                             f"{found['word']!r}")  # fmt: skip
-    return Requirement(found["name"], float(found["limit"]), at)
+    quantity = QUANTITIES.get(found["name"])
+    if quantity is None:
+        return Requirement(found["name"], float(found["limit"]))  # which says what there is
+    condition = quantity.condition
+    if found["word"] and condition and condition[0] != found["word"]:
+        raise ValueError(f"goal: {statement!r}: the condition of {found['name']} is '{condition[0]}', not "
+                         f"{found['word']!r}")  # fmt: skip
+    try:
+        limit = in_si(float(found["limit"]), found["unit"], quantity.unit)
+        if found["word"]:
+            ends = [float(found[one]) for one in ("low", "high") if found[one] is not None]
+            ends = [in_si(one, found["of"], condition[1]) if condition else one for one in ends]
+            at = (ends[0], ends[1]) if len(ends) == 2 else ends[0]
+    except ValueError as error:
+        raise ValueError(f"goal: {statement!r}: the unit {error}") from None
+    return Requirement(found["name"], limit, at)
 
 
 def _wish(found: re.Match[str], statement: str, limited: Mapping[str, Requirement]) -> Requirement:

@@ -12,11 +12,12 @@ import scipy
 
 from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
+from maglev_env.rig.goal import QUANTITIES
 from maglev_env.rotor.identification import MODES
 from maglev_env.rotor.linear import (
     closed_loop, control_response, held_current, mechanics, plant_response, sampled, sensitivity,
 )  # fmt: skip
-from maglev_env.rotor.operating_point import at_operating_point
+from maglev_env.rotor.operating_point import by_direction
 from maglev_env.rotor.rotor import Rotor
 
 PLANES = ("plane a", "plane b")
@@ -37,7 +38,7 @@ class Found:
 
 
 def linear_quantities(rotor: Rotor, speed_rpm: float, band: tuple[float, float]) -> dict[str, Found] | None:
-    """The quantities of the linear loop at one speed, by name; None where it is unstable there.
+    """The quantities of the linear loop at one speed, the worse of x and y, by name; None where it is unstable there.
 
     Args:
         rotor: The rotor.
@@ -48,17 +49,24 @@ def linear_quantities(rotor: Rotor, speed_rpm: float, band: tuple[float, float])
     if abs(np.linalg.eigvals(closed_loop(rotor, speed)[0])).max() >= 1:
         return None
     try:
-        here = at_operating_point(rotor, speed)
+        directions = by_direction(rotor, speed)
     except ValueError:  # its orbit or its sag leaves the gap, where the force law pulls no more: it cannot run there
         return None
-    whole, error = closed_loop(here, speed)
-    if abs(np.linalg.eigvals(whole)).max() >= 1:
-        return None
-    found = _margins(here, speed)
-    found["compliance"] = MODES, _compliance(here, speed, band)
-    found["stiffness"], found["damping"] = ((MODES, one) for one in _coefficients(here))
-    found["noise_current"] = PLANES, _noise_current(here, speed, whole, error)
-    return {name: Found((speed_rpm,), places, values[None]) for name, (places, values) in found.items()}
+    every = []
+    for here in directions:
+        whole, error = closed_loop(here, speed)
+        if abs(np.linalg.eigvals(whole)).max() >= 1:
+            return None
+        found = _margins(here, speed)
+        found["compliance"] = MODES, _compliance(here, speed, band)
+        found["stiffness"], found["damping"] = ((MODES, one) for one in _coefficients(here))
+        found["noise_current"] = PLANES, _noise_current(here, speed, whole, error)
+        every.append(found)
+    worse = {name: np.fmax if QUANTITIES[name].most else np.fmin for name in every[0]}
+    return {
+        name: Found((speed_rpm,), places, worse[name].reduce([found[name][1] for found in every])[None])
+        for name, (places, _) in every[0].items()
+    }
 
 
 def frequencies(rotor: Rotor, speed: float) -> np.ndarray:

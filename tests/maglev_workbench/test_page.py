@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 import pytest
 from command_line import maglev
 
-from maglev_workbench.page import labelled_axis, page, table, write_page
+from maglev_workbench.page import labelled_axis, page, rig_facts, table, write_page
 from maglev_workbench.page_figures import figures_json
 from maglev_workbench.record_page import _extremes, _of_bands
 
@@ -37,6 +37,14 @@ def test_a_page_carries_the_library_once_and_stays_small():
 def test_a_command_in_a_sentence_is_set_as_code_and_everything_is_escaped():
     made = page("t", "5 < 6; run `maglev check <x>`", [("", table(["a"], [["`new`"]]))], {})
     assert "5 &lt; 6; run <code>maglev check &lt;x&gt;</code>" in made and "<td><code>new</code></td>" in made
+
+
+def test_the_effects_that_a_rig_states_are_among_its_facts():
+    """A page had said "Effects none" of a rig whose file states a voltage limit."""
+    rig = {"name": "mine", "magnet": "electromagnet_pair", "mass": 2.4, "effects": {}}
+    assert "Effects of the rig" not in rig_facts(rig)
+    stated = rig_facts(rig | {"effects": {"delay": {"time": 1e-4}}})
+    assert stated["Effects of the rig"] == "delay: time = 0.0001"
 
 
 def test_a_page_without_figures_carries_no_library():

@@ -45,14 +45,17 @@ class RealLoop:
         return np.array([np.linalg.solve(one * np.eye(len(a)) - a, b)[:4] for one in z])
 
 
-def real_loop(rotor: Rotor, rpm: float, gain: float, stiffness: float) -> RealLoop:
-    """The loop at a speed; `gain` (N/A) and `stiffness` (N/m) of one axis of both bearings together."""
+def real_loop(
+    rotor: Rotor, rpm: float, gain: float | tuple[float, float], stiffness: float | tuple[float, float]
+) -> RealLoop:
+    """The loop at a speed; `gain` (N/A) and `stiffness` (N/m) of one axis, or of x and y, of both bearings together."""
     axis, speed, dt = rotor.axis, rpm * np.pi / 30, 1 / rotor.axis.control_rate
     (ma, mb), (pa, pb) = rotor.planes.magnets, rotor.planes.probes
     m, inertia, polar = rotor.body.mass, rotor.body.transverse_inertia, rotor.body.polar_inertia
     # Of each direction: m x'' = sum f, I t'' = sum z f, with f = -stiffness / 2 (x + z t) + gain / 2 i at each plane.
-    k = stiffness / 2 * np.array([[2, ma + mb], [ma + mb, ma**2 + mb**2]])
-    drive, probes = gain / 2 * np.array([[1, 1], [ma, mb]]), np.array([[1, pa], [1, pb]])
+    k = [one / 2 * np.array([[2, ma + mb], [ma + mb, ma**2 + mb**2]]) for one in np.broadcast_to(stiffness, 2)]
+    drive = [one / 2 * np.array([[1, 1], [ma, mb]]) for one in np.broadcast_to(gain, 2)]
+    probes = np.array([[1, pa], [1, pb]])
     inverse = np.diag([1 / m, 1 / inertia] * 2)
     turning = np.zeros((4, 4))
     turning[1, 3], turning[3, 1] = -polar * speed, polar * speed  # I tx'' = -I_p w ty', I ty'' = I_p w tx'
@@ -60,7 +63,7 @@ def real_loop(rotor: Rotor, rpm: float, gain: float, stiffness: float) -> RealLo
     a = np.block(
         [
             [o, e, o, o],
-            [-inverse @ block_diag(k, k), inverse @ turning, o, inverse @ block_diag(drive, drive)],
+            [-inverse @ block_diag(*k), inverse @ turning, o, inverse @ block_diag(*drive)],
             [block_diag(probes, probes) / axis.sensor_time_constant, o, -e / axis.sensor_time_constant, o],
             [o, o, o, -e / axis.amplifier_time_constant],
         ]

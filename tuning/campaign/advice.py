@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_env.evaluation.goal_score import in_words
+from maglev_env.evaluation.goal_score import in_words, scale_in_words
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.excitation import Excitation
 from maglev_env.task.task import Task
@@ -76,4 +76,7 @@ def stopped(advice: Advice, why: str, **changes: object) -> Advice:
     if keep is not None and goal and (missed := advice.claimed[keep].missed):
         by_name = {r.name: in_words(r) for r in goal.requirements}
         why = f"{why}; not met: {', '.join(by_name[name] for name in missed)}"
+    if keep is not None and goal and goal.best:
+        words = scale_in_words(goal, advice.claimed[keep].values[goal.best.name].value)
+        advice = replace(advice, notes=(*advice.notes, words)) if words else advice
     return replace(advice, stop=why, keep=keep, refused=refused, **changes)

@@ -117,27 +117,29 @@ def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: 
     )  # fmt: skip
 
 
-def search_scores(model: Model, points: np.ndarray, limit: float) -> np.ndarray:
+def search_scores(model: Model, points: np.ndarray, limit: float, draws: int = FEW) -> np.ndarray:
     """Scores (n,) of points (n, k) over a few draws, lower where margins are not surely kept.
 
     Args:
         model: The rig.
         points: The points.
         limit: Largest peak sensitivity.
+        draws: Up to FEW; of 1, the best estimate counts as if it were sure.
     """
     n = len(points)
     lanes = experiments(model.task, [model.episodes[0]] * n, points, [0] * n)
     simulated = large(model, lanes, np.arange(n), None, alone=True)
     # The same errors for every point: a search that knew none would stop right at the limits of large signals.
     rng = np.random.default_rng(173205)
-    factors = {k: np.exp(SEEN.get(k, event_error(k)) * rng.permutation(NORMAL)) for k in simulated}
+    spread = NORMAL if draws > 1 else np.zeros(1)
+    factors = {k: np.exp(SEEN.get(k, event_error(k)) * rng.permutation(spread)) for k in simulated}
     factors["displacement"] = factors["peak_displacement"]
     found = np.zeros(n)
     for i, point in enumerate(points):
         if lanes.touchdown[i] or not lanes.info[i].get("pole_radius", 1.0) < 1:
             continue
         gains = model.gains(point)
-        values = linear(model, model.responses, gains, model.apart(gains), FEW)
+        values = linear(model, model.responses, gains, model.apart(gains), draws)
         sure = {
             "peak": _surely(values["peak_sensitivity"], 1.0) / limit,
             "phase": PHASE_MARGIN / _surely(values["phase_margin"], -1.0),
@@ -153,6 +155,8 @@ def _surely(values: np.ndarray, side: float) -> float:
     """The end of the interval that a few draws, of which the first is the best estimate, stand for; above or below."""
     if np.isnan(values[0]):  # no crossing within the lines
         return np.inf
+    if values.size == 1:
+        return float(values[0])
     apart = np.log(values[1:] / values[0])
     return float(values[0] * np.exp(side * SURE * np.sqrt(np.nanmean(apart**2))))
 

@@ -39,6 +39,7 @@ class GainSet:
         failed: Why nothing is identified here, or None.
         noise_current: Rms of what does not repeat of the coil's current, less the stated noise of its reading, A; nan
             where no period shows it.
+        noise_error: Its relative standard error.
         untold: Why recordings without a period do not tell the margins here, or None.
         open: Whether all recordings are without a period.
     """
@@ -55,6 +56,7 @@ class GainSet:
     untold: str | None = None
     open: bool = False
     noise_current: float = np.nan
+    noise_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -116,8 +118,11 @@ def joined(gains: Gains, parts: list[GainSet]) -> GainSet:
         next((v for p in parts if not np.isnan(v := getattr(p, name))), np.nan)
         for name in ("peak_displacement", "current_rms", "noise_current")
     )
+    error = next((p.noise_error for p in parts if not np.isnan(p.noise_current)), 0.0)
     untold = None if any(not p.untold for p in parts) else parts[-1].untold
-    return GainSet(gains, files, *curves, force, peak, current, failed, untold, all(p.open for p in parts), noise)
+    return GainSet(
+        gains, files, *curves, force, peak, current, failed, untold, all(p.open for p in parts), noise, error
+    )
 
 
 def _mean(values: Sequence[tuple[float, float]]) -> tuple[float, float]:

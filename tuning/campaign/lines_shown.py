@@ -47,24 +47,31 @@ def identified(signals: RecordedSignals, rig: Rig, gains: Gains, file: str) -> G
         )
     kept = slice(spectra.transient_periods * per_period(signals) if signals.periodic else 0, None)
     current = signals.channels.get("current", signals.channels.get("command", np.full(1, np.nan)))
+    noise, error = _noise_current(signals, rig)
     return GainSet(
         gains, (file,), receptance, sensitivity, plant, (spectra.force,) if receptance else (),
         float(np.abs(signals.channels["displacement"][kept]).max()), float(np.sqrt(np.mean(current[kept] ** 2))), None,
-        noise_current=_noise_current(signals, rig),
+        noise_current=noise, noise_error=error,
     )  # fmt: skip
 
 
-def _noise_current(signals: RecordedSignals, rig: Rig) -> float:
-    """Rms of what does not repeat of the coil's current, less the noise of its reading; nan where nothing is left."""
+def _noise_current(signals: RecordedSignals, rig: Rig) -> tuple[float, float]:
+    """Rms of what does not repeat of the coil's current, less the noise of its reading, and its relative error.
+
+    nan where nothing is left. Where the reading has far more noise than the current, what is left is a small difference
+    of large powers.
+    """
     if not signals.periodic or "current" not in signals.channels:
-        return np.nan
+        return np.nan, 0.0
     n, current = per_period(signals), signals.channels["current"]
     periods = current[: current.size // n * n].reshape(-1, n)[1:]
     if len(periods) < 2:
-        return np.nan
+        return np.nan, 0.0
     power = float((periods - periods.mean(axis=0)).var() * len(periods) / (len(periods) - 1))
     left = power - rig.noise.current**2
-    return float(np.sqrt(left)) if left > 0 else np.nan
+    if left <= 0:
+        return np.nan, 0.0
+    return float(np.sqrt(left)), power / left / np.sqrt(2 * n * (len(periods) - 1))
 
 
 def _response(statistics: LineStatistics, output: str, source: str) -> Response:

@@ -45,6 +45,7 @@ class Model:
         episodes: RIGS rigs of the posterior.
         recorded: Gain sets that held, from which distances are counted.
         ratios: Measured over simulated on each of the RIGS, of SEEN where it is known.
+        noise_error: Relative standard error of the noise current that the ratio is made of.
         mass: Relative standard deviation of the stated mass.
         probe: That of the stated gain of the probe.
     """
@@ -56,6 +57,7 @@ class Model:
     episodes: Sequence[Episode]
     recorded: Sequence[GainSet]
     ratios: Mapping[str, np.ndarray] = field(default_factory=dict)
+    noise_error: float = 0.0
     mass: float = MASS
     probe: float = 0.0
 
@@ -87,7 +89,7 @@ def model_of(
     n = len(points)
     every = [episode for episode in episodes for _ in range(n)]
     simulated = experiments(task, every, np.tile(points, (RIGS, 1)), [0] * len(every))
-    ratios = {}
+    ratios, certain = {}, np.array([1 / (SEEN["noise_current"] ** 2 + s.noise_error**2) for s in good])
     for name in SEEN:
         shown = figure(simulated, name).reshape(RIGS, n)
         seen = np.array([measured(s)[name] for s in good])
@@ -96,8 +98,11 @@ def model_of(
         if not np.isnan(apart[0]).all():
             # A rig that does not hold there tells nothing of its own, and takes what the best estimate shows.
             apart = np.where(np.isnan(apart), apart[0], apart)
-            ratios[name] = np.exp(np.nanmean(apart, axis=1))
-    return Model(**{**vars(model), "ratios": ratios})
+            weight = np.where(np.isnan(apart), 0.0, certain if name == "noise_current" else 1.0)
+            ratios[name] = np.exp((weight * np.nan_to_num(apart)).sum(axis=1) / weight.sum(axis=1))
+    told = [s.noise_error for s in good if s.noise_current > 0]
+    error = float(np.sqrt(1 / np.sum(1 / np.square(told)))) if told and min(told) > 0 else 0.0
+    return Model(**{**vars(model), "ratios": ratios, "noise_error": error})
 
 
 def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: int) -> dict[str, np.ndarray]:
@@ -162,6 +167,8 @@ def large(
         ratio = model.ratios.get(name, np.ones(RIGS))
         shown = figure(lanes, name)[turn] * (ratio[0] if alone else ratio[turn])
         values = np.full(turn.size, known) if known > 0 else shown
+        if name == "noise_current":
+            error = np.hypot(error, seen.noise_error if seen and known > 0 else model.noise_error)
         found[name] = scattered(values, error)
     found["displacement"] = found["peak_displacement"] / model.task.rig.clearance
     for one in model.goal.measured if model.goal else ():

@@ -1,6 +1,6 @@
 """The next experiment on a real rig: from the recordings so far to gains, a diagnosing recording, or a stop."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -8,12 +8,13 @@ import numpy as np
 from maglev_env.design.defaults import with_defaults
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig import Rig
-from maglev_env.task.gain_box import TUNED, gain_box
+from maglev_env.task.gain_box import gain_box
 from maglev_env.task.task import Task, make_task
 from tuning.campaign.advice import Advice, stopped
 from tuning.campaign.candidates import predict
 from tuning.campaign.carried import beside, carried
 from tuning.campaign.disagreement import Disagreement
+from tuning.campaign.farther import farther, in_words, lacking, names_of
 from tuning.campaign.gain_set import GainSet, shown
 from tuning.campaign.model import Model, event_current, model_of
 from tuning.campaign.rig_fit import IdentifiedRig, fit_rig
@@ -25,28 +26,32 @@ CREST, FAR = 3.0, 2.0  # peak over rms of a recorded current; factor beyond it a
 def next_step(
     rig: Rig,
     sets: Sequence[GainSet],
-    tuned: Sequence[str] = TUNED,
+    tuned: Sequence[str] | None = None,
     budget: int = 10,
     seed: int = 0,
     goal: str | None = None,
     diagnosis: Callable[[], Disagreement] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Advice:
     """Decide what to record next on a rig, or that it is time to stop.
 
     Args:
         rig: Nominal rig of one axis.
         sets: Recorded gain sets.
-        tuned: Names of the tuned gains.
+        tuned: Names of the tuned gains; None: kp, ki and kd, and where they cannot meet the goal, td too, in wider
+            ranges where neither rig nor bounds state them.
         budget: Number of recordings in all, except those with the role holdout.
         seed: Seed of every choice.
         goal: What gains are judged by, see `design.goals.with_goal`; None: the rig's own.
         diagnosis: Diagnoses the campaign, where its recordings contradict the model.
+        bounds: (low, high) of gains by name, instead of the rig's.
 
     Raises:
         ValueError: The rig has two axes or no controlled magnet, the sets differ in gains that are not tuned, or the
             goal is not understood.
     """
-    task, corners = tuning_task(rig, sets, tuned, goal)
+    bounds = dict(bounds or {})
+    task, corners = tuning_task(rig, sets, names_of(sets, tuned), goal, bounds)
     good = [i for i, s in enumerate(sets) if s.failed is None]
     nothing: tuple[None, ...] = (None,) * len(sets)
     notes = tuple(f"{', '.join(s.files)}: {s.failed or s.untold}" for s in sets if s.failed or s.untold)
@@ -97,11 +102,22 @@ def next_step(
         return _beyond_recorded(stopped(advice, f"the budget of {budget} recordings is used up"), model)
     if (asked := asked_by_diagnosis(advice, model, budget)) is not None:
         return asked
-    return _beyond_recorded(onward(advice, model, seed, budget), model)
+    found = onward(advice, model, seed, budget)
+    if tuned is None and lacking(found):
+        ranges = dict(zip(task.box.names, task.box.gains(corners).T, strict=True))
+        names, wider = farther(rig, ranges, bounds)
+        task, corners = tuning_task(rig, sets, names, goal, wider)
+        wide = model_of(task, corners, identified, responses, told, seed)
+        found = in_words(onward(replace(advice, task=task), wide, seed, budget), corners)
+    return _beyond_recorded(found, model)
 
 
 def tuning_task(
-    rig: Rig, sets: Sequence[GainSet], tuned: Sequence[str], goal: str | None = None
+    rig: Rig,
+    sets: Sequence[GainSet],
+    tuned: Sequence[str],
+    goal: str | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Task, np.ndarray]:
     """The task of a campaign, its box wide enough for what was recorded, and the ends of the asked box as actions.
 
@@ -115,7 +131,7 @@ def tuning_task(
         )
     if rig.gains is not None and not isinstance(rig.gains, Gains):
         raise ValueError(f"rig {rig.name}: a campaign is tuned in plain PID gains, and its [gains] are of another form")
-    task = make_task(rig, tuned, goal=goal)
+    task = make_task(rig, tuned, bounds, goal=goal)
     if task.layout.goal and task.layout.goal.rigs:
         # There is one real rig, so only that one is simulated; the layout keeps the goal as it was asked for.
         alone = replace(task.layout.goal, rigs=0).text

@@ -14,7 +14,7 @@ NEARBY, TRIED = 256, 24  # points looked at around recorded gains, and those of 
 REACH = 0.6  # of the box's half width: half the edge of the cube in which these points lie
 
 
-def optimum(model: Model, start: np.ndarray, limit: float, rng: np.random.Generator) -> np.ndarray:
+def optimum(model: Model, start: np.ndarray, limit: float, rng: np.random.Generator, draws: int = FEW) -> np.ndarray:
     """Best point (k,) within the rig's bounds, whose margins are surely kept.
 
     Args:
@@ -22,6 +22,7 @@ def optimum(model: Model, start: np.ndarray, limit: float, rng: np.random.Genera
         start: Point from which the search also begins.
         limit: Largest peak sensitivity.
         rng: Source of all random numbers.
+        draws: Of each point; of 1, the best estimate counts as if it were sure.
     """
     low, high = model.corners
     inside = np.clip(2 * (start - low) / (high - low) - 1, -1.0, 1.0)
@@ -30,7 +31,7 @@ def optimum(model: Model, start: np.ndarray, limit: float, rng: np.random.Genera
     for _ in range(GENERATIONS):
         asked = search.ask(10**6)
         points = low + (high - low) * (asked + 1) / 2
-        scores = search_scores(model, points, limit)
+        scores = search_scores(model, points, limit, draws)
         search.tell(Trials(asked, scores, np.zeros((len(asked), 0)), ({},) * len(asked), np.zeros(len(asked), bool)))
         if scores.max() > score:
             best, score = points[scores.argmax()], float(scores.max())

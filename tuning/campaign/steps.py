@@ -21,6 +21,9 @@ TOLD = 0.5  # of the larger standard deviation of the two scores, likewise: less
 # Where the best recorded gains miss a limit by far their score is nearly zero, and so is all that one step can add to
 # it: there a factor tells what a difference does not.
 RISEN = 1.3
+# What the best estimate must promise beyond what is known, so that a step is made to learn whether it is so, and the
+# number of sets from which on the recordings have told.
+HOPED, LEARNT = 0.03, 4
 SURER = 0.2  # by which the probability that every requirement is met must rise, if the score may gain less than that
 SAME = 1e-3  # of the box; gains closer than this count as equal
 BETWEEN, PASSED = (0.25, 0.5, 0.75), 2.0  # shares of a step, and times the limit that its peak may reach on the way
@@ -57,6 +60,8 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
             prediction, why = _tried(advice, model, best, point)
             if why is None and _worth(advice, model, best, prediction):
                 return _climb(advice, best, prediction, 0.0, limited)
+    if thin is None and (learnt := _learning(advice, model, best, seed)) is not None:
+        return learnt
     if thin is not None and len(around):
         for point in around[np.argsort(peak_bounds(model, around))[:ALLOWED]]:
             prediction, why = _tried(advice, model, best, point)
@@ -77,6 +82,32 @@ def onward(advice: Advice, model: Model, seed: int, budget: int) -> Advice:
     words = f"no gains that may be tried promise more than an experiment can tell over the best recorded ones{bound}"
     words += _out_of_reach(advice, model, best, goal)
     return stopped(advice, words, share=share, limited=limited)
+
+
+def _learning(advice: Advice, model: Model, best: int, seed: int) -> Advice | None:
+    """A safe step toward gains that promise much by the best estimate, though little is sure of them yet.
+
+    What a first recording leaves open keeps the search away from the goal's limits; one nearer to them tells more.
+    """
+    known, origin = advice.claimed[best], model.point(advice.sets[best].gains)
+    if sum(p is not None for p in advice.claimed) >= LEARNT:
+        return None
+    hoped = optimum(model, origin, _limit(advice, best), np.random.default_rng((seed, 1)), draws=1)
+    promise = predict(model, model.gains(hoped)).score.value
+    if promise - known.score.value < HOPED:
+        return None
+    for share in SHARES:
+        prediction, why = _tried(advice, model, best, np.clip(origin + share * (hoped - origin), *model.corners))
+        if why is not None or _near(advice, model, prediction.gains):
+            continue
+        if prediction.score.value - known.score.value < GAINED or prediction.expected < known.expected - known.spread:
+            continue
+        words = (
+            f"they promise a score of {prediction.score.value:.3f} by the best estimate, and tell how sure the "
+            f"{promise:.3f} are that it promises at most"
+        )
+        return replace(advice, next=prediction.gains, prediction=prediction, why=words, kind="climb", share=share)
+    return None
 
 
 def _out_of_reach(advice: Advice, model: Model, best: int, goal: np.ndarray) -> str:

@@ -1,9 +1,10 @@
 """Recommendation among the gains tried: those that hold up under fresh noise and on rigs within tolerance."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,12 @@ LEVEL = 0.95  # of the interval over noise and tolerance that must stay out of t
 # Worst values that may be recommended: the end of zone B of ISO 14839-3, a share of the clearance under the excitation,
 # and the usual margins of control.
 PEAK_SENSITIVITY, DISPLACEMENT_SHARE, PHASE_MARGIN, GAIN_MARGIN = 4.0, 0.4, 20.0, 1.5
+# Those of them that every experiment reads, and whether they are upper ones.
+LIMITS = {
+    "peak_sensitivity": (PEAK_SENSITIVITY, True),
+    "phase_margin": (PHASE_MARGIN, False),
+    "gain_margin_high": (GAIN_MARGIN, False),
+}
 
 
 @dataclass(frozen=True)
@@ -35,7 +42,7 @@ class Verdict:
         intervals: (low, high) of score over rigs within tolerance; and, over these and fresh noise, of
             peak_sensitivity, phase_margin, gain_margin_high and displacement_share.
         reason: Why they are refused, or None.
-        required: What the goal measures, by the names of the info: the mean over fresh noise on the rig itself, and
+        required: What the goal measures, by the names of the info: the median over fresh noise on the rig itself, and
             with _low and _high the ends over rigs within tolerance and fresh noise; empty for `match`.
     """
 
@@ -87,20 +94,43 @@ def recommend(
     spread = [_within_tolerance(task, episode, rng) for _ in range(rigs)]
     fresh = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(AGAIN)]
     refused: list[Verdict] = []
+    lost: dict[str, float] = {}
     for i in _ranked(task, trials, fresh):
         point = trials.points[i]
         if not trials.score[i] > 0 or len(refused) == candidates:
             break
         # A search that has converged tried hundreds of sets beside each other, which are refused for the same reason.
         apart = min(NEAR * 2 ** max(len(refused) - 1, 0), FARTHEST)
-        if any(np.abs(v.point - point).max() <= apart for v in refused):
+        away = [np.abs(v.point - point).max() for v in refused]
+        if away and (min(away) <= apart or (away[-1] <= FARTHEST and _would_lose(trials.info[i], lost))):
             continue
         again = reduce(add, (experiments(task, e, np.tile(point, (len(e), 1)), [0] * len(e)) for e in (own, spread)))
         verdict = verdict_of(point, again, repeats, episode)
         if verdict.reason is None:
             return Recommendation(verdict, tuple(refused))
         refused.append(verdict)
+        lost = _lost(again, repeats, verdict)
     return Recommendation(None, tuple(refused))
+
+
+def _lost(again: Trials, repeats: int, verdict: Verdict) -> dict[str, float]:
+    """Factors by which refused gains came nearer to a limit within tolerance than on the rig itself, by figure."""
+    found = {}
+    for name in LIMITS:
+        own = np.array([one.get(name, np.nan) for one in again.info[:repeats]], float)
+        if name in verdict.intervals and not np.isnan(own).all():
+            found[name] = verdict.intervals[name][1 if LIMITS[name][1] else 0] / float(np.nanmedian(own))
+    return found
+
+
+def _would_lose(info: Mapping[str, Any], lost: Mapping[str, float]) -> bool:
+    """Whether gains that lose as much as those refused beside them would be refused, too, by their own reading."""
+    for name, factor in lost.items():
+        limit, most = LIMITS[name]
+        there = info.get(name, np.nan) * factor
+        if there > limit if most else there < limit:
+            return True
+    return False
 
 
 def _ranked(task: Task | RotorGoalTask, trials: Trials, fresh: Sequence[Episode | RotorEpisode]) -> list[int]:
@@ -153,7 +183,11 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode 
 
 
 def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[str, float]:
-    """What the goal measures: means over the first trials, and the ends (percentiles) over all."""
+    """What the goal measures: medians over the first trials, and the ends (percentiles) over all.
+
+    Noise raises a gain margin without bound and lowers it little, so that its mean is far above that of the loop. Of a
+    quantity that is infinite in one of them, because the rotor touched down, so is the whole.
+    """
     found = {}
     for name in dict.fromkeys(name for one in again.info for name in one):
         if name.startswith("required_") and not name.endswith(("_low", "_high")):
@@ -161,7 +195,9 @@ def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[st
             known, own = values[~np.isnan(values)], values[:repeats]
             # A quantity of an event is infinite where the rotor touched down; between such values lies none.
             low, high = np.percentile(known, ends, method="closest_observation")
-            found[name] = float(own[~np.isnan(own)].mean()) if not np.isnan(own).all() else np.nan
+            own = own[~np.isnan(own)]
+            middle = np.median if np.isfinite(own).all() else np.mean
+            found[name] = float(middle(own)) if own.size else np.nan
             found |= {f"{name}_low": float(low), f"{name}_high": float(high)}
     return found
 

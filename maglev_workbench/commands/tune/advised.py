@@ -6,8 +6,10 @@ from math import isfinite
 import numpy as np
 
 from maglev_env.evaluation.goal_score import misses
+from maglev_env.loop.gain_card import stated_gains
 from maglev_env.loop.gains import NO_CONTROLLER, gain_values, of_axis, unit_of_gain
 from maglev_env.rig.goal import Goal, Requirement
+from maglev_env.task.gain_box import TOP
 from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench.commands.tune.next_recording import digits
@@ -15,6 +17,8 @@ from maglev_workbench.goal_page import PREFIX
 from maglev_workbench.page import number
 
 AT_END = 0.005  # of a range, within which a gain stands at its end
+BEYOND = 2.0  # factor by which a range that is proposed goes farther
+FILTERS = ("td", "outer_td", "velocity_filter")  # of a derivative, which cost phase where margins are narrow
 
 
 def gains_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
@@ -34,18 +38,40 @@ def kept_gains(task: Task | RotorGoalTask) -> dict[str, float]:
     return {name: value for name, value in own.items() if name not in task.box.names}
 
 
-def ends_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
-    """A sentence on the gains that stand at an end of their range, beyond which nothing was tried; "" for none."""
-    at = [
-        f"{name} ({'lower' if place < 0 else 'upper'} of {number(low)} .. {number(high)})"
-        for name, place, low, high in zip(task.box.names, point, task.box.low, task.box.high, strict=True)
-        if 1 - abs(place) < 2 * AT_END
-    ]
-    if not at:
+def farther_in_words(task: Task | RotorGoalTask, point: np.ndarray, missed: bool = False) -> str:
+    """Sentences on the gains that stand at an end of their range, and on how to search beyond it; "" for none.
+
+    Args:
+        task: The task.
+        point: (k,).
+        missed: Whether a requirement is missed there, so that a filter that was left alone is named, too.
+    """
+    rotor, box = isinstance(task, RotorGoalTask), task.box
+    cards = {} if rotor else {name: card for name, _, card in stated_gains(of_axis(task.rig.gains, 0))}
+    at, ranges = [], {}
+    for name, place, low, high in zip(box.names, point, box.low, box.high, strict=True):
+        own = name.partition("_")[0] if rotor else name
+        if 1 - abs(place) < 2 * AT_END:
+            at.append(f"{name} ({'lower' if place < 0 else 'upper'} of {number(low)} .. {number(high)})")
+            card, most = cards.get(own), TOP * task.rig.control_rate
+            low, high = (low / BEYOND, high) if place < 0 else (low, high * BEYOND)
+            if card:
+                low, high = max(low, card.low), min(high, card.high, most if card.unit == "Hz" else high)
+        others = ranges.get(own, (low, high))
+        ranges[own] = min(low, others[0]), max(high, others[1])
+    left = {name.partition("_")[0] if rotor else name for name in kept_gains(task)} & set(FILTERS) if missed else set()
+    if not at and not left:
         return ""
-    name = at[0].split(" ")[0]
-    gain = name.partition("_")[0] if isinstance(task, RotorGoalTask) else name
-    return f" At the end of its range: {', '.join(at)}; beyond may be better (--tune {gain}=LO:HI)."
+    options = [f"--tune {name}={digits(low)}:{digits(high)}" for name, (low, high) in ranges.items()]
+    options += [f"--tune {name}" for name in sorted(left)]
+    ends = f" At the end of its range: {', '.join(at)}." * bool(at)
+    filters = f" Left as before: {', '.join(sorted(left))}, the filter of the derivative." * bool(left)
+    return f"{ends}{filters} {'What is missed may be met' if missed else 'Better may lie'} beyond: {' '.join(options)}"
+
+
+def missed_on_rig(goal: Goal, required: Mapping[str, float]) -> bool:
+    """Whether the median on the rig itself misses a requirement of the goal."""
+    return any(misses(r, np.array([required.get(PREFIX + r.name, np.nan)]))[0] > 0 for r in goal.requirements)
 
 
 def misses_within(r: Requirement, required: Mapping[str, float]) -> bool:

@@ -58,27 +58,28 @@ def run(
     # What is asked for is right: now the imports that take longer.
     from maglev_env.recordings.files import write_text_atomic
     from maglev_env.recordings.left_out import left_out_data
+    from maglev_env.task.gain_box import parse_tuned
     from maglev_workbench.commands.tune.campaign_report import campaign_json, campaign_page, campaign_tables
     from maglev_workbench.commands.tune.next_recording import commented, excitation_words, summary, toml_block
     from maglev_workbench.console import console, marked, write_json
     from maglev_workbench.page import write_page
     from maglev_workbench.warned import warned
     from tuning.campaign.disagreement import disagreement
-    from tuning.campaign.next_step import TUNED, next_step
+    from tuning.campaign.next_step import next_step
     from tuning.campaign.recorded_sets import recorded_sets
 
-    tuned = tuple(tuned) or TUNED
+    names, bounds = parse_tuned(tuned)
     warnings = warned(campaign, FAILURES) if campaign else []
     used, sets = recorded_sets(campaign) if campaign and rig.axes == 1 else (None, [])
     left_out = used.left_out if used else ()
     advice = next_step(
-        rig, sets, tuned, budget, seed, goal, (lambda: disagreement(campaign, seed)) if campaign else None
+        rig, sets, names, budget, seed, goal, (lambda: disagreement(campaign, seed)) if campaign else None, bounds
     )
     target.mkdir(parents=True, exist_ok=True)
     block = toml_block(advice, campaign)
     made_by = {
-        "campaign": str(folder), "budget": budget, "tuned": tuned, "goal": advice.task.rig.target.goal, "seed": seed,
-        "version": version("maglev-workbench"),
+        "campaign": str(folder), "budget": budget, "tuned": advice.task.box.names,
+        "goal": advice.task.rig.target.goal, "seed": seed, "version": version("maglev-workbench"),
     }  # fmt: skip
     data = campaign_json(advice, made_by) | {"warnings": warnings, "left_out": left_out_data(left_out)}
     write_text_atomic(target / "next.toml", commented(advice, block))

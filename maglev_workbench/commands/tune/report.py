@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
+from maglev_env.evaluation.goal_score import scale_in_words
 from maglev_env.loop.gains import unit_of_gain
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
@@ -14,9 +15,10 @@ from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
 from maglev_workbench.commands.tune.advised import (
-    ends_in_words,
+    farther_in_words,
     gains_in_words,
     kept_gains,
+    missed_on_rig,
     misses_within,
     tolerance_in_words,
     unstated_noise,
@@ -46,7 +48,7 @@ IDENTIFIED = (  # of every experiment, in SI, where it is known
 )  # fmt: skip
 NONE = "None of the gains tried is recommended: "
 GOAL_HEAD = ("experiment", "score", "met", "tightest")
-STANDS = ("requirement", "mean", "limit", "95 % within tolerance", "")
+STANDS = ("requirement", "median", "limit", "95 % within tolerance", "")
 HEAD = ("experiment", "score", "stiffness kN/m", "damping N s/m", "peak |S|", "phase margin °", "peak µm")
 
 
@@ -68,10 +70,11 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     if goal := task.layout.goal:
         text += f" On this rig it {goal_page.missed_in_words(goal, c.required)}."
         text += tolerance_in_words(task, goal, c.required) + unstated_noise(task, goal)
-    text += ends_in_words(task, c.point)
+        reached = c.required.get(goal_page.PREFIX + goal.best.name, np.nan) if goal.best else np.nan
+        text += f" {scale_in_words(goal, reached)}".rstrip()
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
-    return text
+    return text + farther_in_words(task, c.point, bool(goal) and missed_on_rig(goal, c.required))
 
 
 def gain_heads(names: Sequence[str]) -> list[str]:
@@ -234,15 +237,15 @@ def _goal_sections(
 
 
 def _stands(goal: Goal, v: Verdict) -> list[tuple[str, str, str, str, str]]:
-    """How gains stand to every requirement: the mean on the rig, the limit, the range over tolerance, the verdict."""
+    """How gains stand to every requirement: the median on the rig, the limit, the range over tolerance, the verdict."""
     rows = []
     for r, (words, _, limit, verdict) in zip(goal.measured, goal_page.requirement_rows(goal, v.required), strict=True):
         name, scale = goal_page.PREFIX + r.name, r.quantity.shown[0]
         low, high = (v.required.get(f"{name}_{end}", np.nan) * scale for end in ("low", "high"))
         if verdict == "met" and misses_within(r, v.required):
             verdict = "met, not by all"
-        mean = f"{number(v.required.get(name, np.nan) * scale)} {r.quantity.shown[1]}".strip()
-        rows.append((words, mean, limit, f"{number(low)} .. {number(high)}", verdict))
+        middle = f"{number(v.required.get(name, np.nan) * scale)} {r.quantity.shown[1]}".strip()
+        rows.append((words, middle, limit, f"{number(low)} .. {number(high)}", verdict))
     return rows
 
 

@@ -79,3 +79,15 @@ def test_any_layout_of_the_arrays_gives_the_same_and_no_noise_changes_nothing():
     same, spread = smooth_responses(FREQUENCY, noisy, variance)
     assert np.array_equal(same[1], noisy[1]) and not spread[1].any()
     assert np.array_equal(same[[0, 2]], wanted[[0, 2]])
+
+
+def test_the_uncertainty_of_the_softest_line_is_its_own():
+    """The dynamic stiffness of a slow loop spans three decades, and noise hides its stiff end."""
+    f = np.arange(2.0, 250.0)
+    w, rng = 2 * np.pi * f, np.random.default_rng(3)
+    true = 1 / (60.0 - 0.046 * w**2 + 2j * w)
+    variance = np.full((60, f.size), 4e-5**2)
+    noisy = true + 4e-5 / np.sqrt(2) * (rng.standard_normal((60, f.size, 2)) @ [1, 1j])
+    curve, spread = smooth_closed_loop(f, noisy, variance)
+    error, claimed = np.abs(curve[:, 0]) - np.abs(true[0]), np.sqrt(spread[:, 0] / 2)
+    assert claimed.min() > 0.5 * error.std() and claimed.max() < 2 * error.std()

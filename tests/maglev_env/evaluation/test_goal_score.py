@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maglev_env.evaluation.goal_score import BEST, FAR, goal_score, goal_terms, met
+from maglev_env.evaluation.goal_score import BEST, FAR, goal_score, goal_terms, met, scale_in_words
 from maglev_env.rig.goal import parse_goal
 
 GOAL = parse_goal("peak_sensitivity <= 3, phase_margin >= 30, compliance <= 40e-6, best compliance")
@@ -60,3 +60,17 @@ def test_unknown_and_impossible_values_count_as_what_they_are():
     terms = goal_terms(goal, {"stiffness": np.array([-5000.0, 0.0, 2000.0])})
     assert terms["stiffness"][0] == terms["stiffness"][1] < 0.01 and terms["stiffness"][2] > 0.99
     assert met(goal, {"stiffness": np.array([-5000.0, 1001.0])}).tolist() == [False, True]
+
+
+def test_a_scale_that_is_far_from_what_is_reached_is_said_to_be():
+    """Seen on balls of another simulator: at 4 mA, with a scale of 80 mA, tuning stopped at its first recording."""
+    goal = parse_goal("peak_sensitivity <= 3, best noise_current near 80 mA")
+    words = scale_in_words(goal, 0.00412)
+    assert "4.12 mA rms" in words and "80 mA rms" in words and "'best noise_current near 0.0041'" in words
+    assert parse_goal("peak_sensitivity <= 3, best noise_current near 0.0041").best.limit == 0.0041
+    assert scale_in_words(goal, 0.4) and not scale_in_words(goal, 0.05) and not scale_in_words(goal, np.nan)
+    assert scale_in_words(parse_goal("peak_sensitivity <= 3"), 1.0) == ""
+    # Beyond that a tenth of it is worth less than the hundredth for which an experiment is made.
+    best = 0.08 / 4 * np.array([1.0, 0.9])
+    values = {"peak_sensitivity": np.full(2, 2.0), "noise_current": best}
+    assert np.diff(goal_score(goal_terms(goal, values)))[0] < 0.01

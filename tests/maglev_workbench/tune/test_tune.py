@@ -13,7 +13,8 @@ from maglev_env.design.controllers import with_controller
 from maglev_env.rig.goal import parse_goal
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.gain_box import gain_box
-from maglev_workbench.commands.tune.advised import unstated_noise
+from maglev_env.task.task import make_task
+from maglev_workbench.commands.tune.advised import farther_in_words, unstated_noise
 from maglev_workbench.commands.tune.figures import where_figure
 from tuning.study.recommendation import Recommendation
 from tuning.tuner import Trials
@@ -86,3 +87,18 @@ def test_a_noise_current_without_stated_noise_is_said_to_be_the_converters_alone
         task = SimpleNamespace(rig=replace(rig, noise=noise), sensor="probe")
         assert words in (said := unstated_noise(task, goal)) and bool(said) == bool(words)
     assert unstated_noise(task, parse_goal("peak_sensitivity <= 3")) == ""
+
+
+def test_what_is_to_be_searched_farther_is_one_command_for_all_gains():
+    """A range alone would leave the other gains at their preset."""
+    task = make_task(load_rig("hmb_free"))
+    assert farther_in_words(task, np.zeros(3)) == ""
+    text = farther_in_words(task, np.array([1.0, -1.0, 0.2]))
+    assert "kp (upper of 3000 .. 24000), ki (lower of 100 .. 20000)" in text
+    assert text.endswith("Better may lie beyond: --tune kp=3000:48000 --tune ki=50:20000 --tune kd=1:20")
+    assert farther_in_words(task, np.zeros(3), missed=True).endswith(
+        "Left as before: td, the filter of the derivative. What is missed may be met beyond: --tune kp=3000:24000 "
+        "--tune ki=100:20000 --tune kd=1:20 --tune td"
+    )
+    notched = make_task(load_rig("hmb_free"), controller="pid + notch 650", tuned=("notch_depth",))
+    assert "--tune notch_depth=0.01:1" in farther_in_words(notched, np.array([-1.0]))

@@ -17,6 +17,7 @@ from maglev_env.recordings.campaign_writer import write_campaign
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
+from tuning.campaign.next_step import tuning_task
 
 run = partial(maglev, "tune")
 HEAD = 'schema = "maglev-campaign/1"\n'
@@ -45,6 +46,15 @@ def test_without_a_recording_it_starts_at_the_preset(tmp_path):
     data = json.loads((tmp_path / "a.json").read_text())
     assert data["schema"] == "maglev-tune-campaign/2" and data["next"]["kd"] == 5.2 and data["stop"] is None
     assert "To record" in (tmp_path / "tune" / "tune.html").read_text()
+
+
+def test_ranges_are_taken_as_for_a_simulated_rig(tmp_path):
+    """They had been refused: "no gain 'kp=4000:9000'"."""
+    (tmp_path / "campaign.toml").write_text(HEAD + 'rig = "hmb_free"\n')
+    run("--campaign", tmp_path, "--tune", "kp=4000:9000", "--tune", "kd", "--json", tmp_path / "a.json")
+    assert json.loads((tmp_path / "a.json").read_text())["made_by"]["tuned"] == ["kp", "kd"]
+    task, _ = tuning_task(load_rig("hmb_free"), [], ("kp", "kd"), None, {"kp": (4000.0, 9000.0)})
+    assert task.box.low.tolist() == [4000.0, 1.0] and task.box.high.tolist() == [9000.0, 20.0]
 
 
 @pytest.mark.slow

@@ -1,9 +1,10 @@
 """Rigs hidden behind `maglev tune --campaign`: it proposes, another integrator records, and its claims are judged.
 
-    python tests/tools/hidden_campaigns/run.py OUT [--count 15] [--seed 1] [--tree TREE] [--again] [--read]
+    python tests/tools/hidden_campaigns/run.py OUT [--count 15] [--seed 1] [--quiet] [--tree TREE] [--again] [--read]
 
 OUT/000 .. hold the campaign, what was said after each recording, and judged.json: whether the rotor touched down, and
-each requirement's claimed interval beside what the hidden rig does. --again judges anew what was said; --read shows it.
+each requirement's claimed interval beside what the hidden rig does. --quiet: by the least noise current within margins
+and a recovery, instead of `engineer`. --again judges anew what was said; --read shows it.
 """
 
 import argparse
@@ -18,12 +19,23 @@ from draws import drawn
 from rigs import record
 from truth import truth
 
+from maglev_env.design.defaults import with_defaults
+from maglev_env.design.goals import goal_of, with_goal
 from maglev_env.rig.goal import parse_goal
+from maglev_env.rig.rig_file import load_rig
 
 MOST = 8  # recordings of a campaign
 
 
-def campaign(folder, seed, index, tree):
+def quiet(source):
+    """The least noise current within margins and recovery of `engineer`; its scale is what the default gains make."""
+    rig = with_defaults(load_rig(source))
+    asked = {r.name: r for r in goal_of(with_goal(rig, "engineer")).requirements}
+    own = [asked[name].text for name in ("peak_sensitivity", "phase_margin", "gain_margin", "recovery_time")]
+    return ", ".join([*own, f"best noise_current near {rig.noise.displacement * rig.gains.kd / rig.gains.td:.2g}"])
+
+
+def campaign(folder, seed, index, tree, silent=False):
     """One campaign to its end; its touchdowns, or what went wrong in words."""
     hidden, toml, _ = drawn(seed, index)
     rng = np.random.default_rng([7, seed, index])
@@ -32,12 +44,13 @@ def campaign(folder, seed, index, tree):
         (folder / "rig.toml").write_text(toml)
     text = f'schema = "maglev-campaign/1"\nrig = "{"rig.toml" if toml else "hmb_free"}"\n'
     (folder / "campaign.toml").write_text(text)
+    goal = quiet(folder / "rig.toml" if toml else "hmb_free") if silent else "engineer"
     downs = 0
     for turn in range(MOST + 2):
         data = folder / f"said{turn}.json"
         environment = os.environ | {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(
-            ["maglev", "tune", "--campaign", folder, "--goal", "engineer", "--budget", str(MOST), "--json", data],
+            ["maglev", "tune", "--campaign", folder, "--goal", goal, "--budget", str(MOST), "--json", data],
             env=environment, capture_output=True, text=True,
         )  # fmt: skip
         (folder / f"said{turn}.txt").write_text(done.stdout + done.stderr)
@@ -94,6 +107,7 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--count", type=int, default=15)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--quiet", action="store_true")
     parser.add_argument("--tree", type=Path, default=Path(__file__).parents[3])
     parser.add_argument("--again", action="store_true")
     parser.add_argument("--read", action="store_true")
@@ -106,7 +120,7 @@ def main():
             downs = json.loads(path.read_text()).get("touchdowns", 0)
             path.write_text(json.dumps(judged(folder, options.seed, index, downs), indent=1))
         elif not path.exists() and not options.read:
-            end = campaign(folder, options.seed, index, options.tree.resolve())
+            end = campaign(folder, options.seed, index, options.tree.resolve(), options.quiet)
             wrong = {"name": drawn(options.seed, index)[2], "error": end}
             row = wrong if isinstance(end, str) else judged(folder, options.seed, index, end)
             path.write_text(json.dumps(row, indent=1))

@@ -63,6 +63,21 @@ def test_copies_of_refused_gains_do_not_take_the_place_of_others(monkeypatch):
     np.testing.assert_array_equal(found.chosen.point, trials.points[-1])
 
 
+def test_gains_that_would_be_refused_for_the_same_reason_do_not_take_the_place_of_others():
+    """Seen on a pump: of 400 sets the six best that lie apart were refused for phase margins of 17.5 degrees."""
+    plain = {"peak_sensitivity": 2.0, "peak_displacement": 0.0}
+    info = tuple({**plain, "phase_margin": one} for one in (21.0, 21.2, 17.0, 21.0))
+    again = Trials(np.zeros((4, 3)), np.full(4, 0.8), np.zeros((4, 0)), info, np.zeros(4, bool))
+    verdict = recommendation.verdict_of(np.zeros(3), again, 2, EPISODE)
+    assert "phase margin down to 17" in verdict.reason
+    lost = recommendation._lost(again, 2, verdict)
+    assert lost["phase_margin"] == pytest.approx(17.3 / 21.1, rel=0.02) and lost["peak_sensitivity"] == 1.0
+    assert recommendation._would_lose({"phase_margin": 23.0, "peak_sensitivity": 2.0}, lost)
+    assert not recommendation._would_lose({"phase_margin": 26.0, "peak_sensitivity": 2.0}, lost)
+    assert recommendation._would_lose({"phase_margin": 26.0, "peak_sensitivity": 4.1}, lost)
+    assert not recommendation._would_lose({}, lost)
+
+
 def test_the_intervals_of_a_verdict_leave_out_one_of_forty_at_either_end():
     n, own = 4000, 100
     scatter = stats.norm.ppf((np.arange(n) + 0.5) / n)
@@ -77,6 +92,17 @@ def test_the_intervals_of_a_verdict_leave_out_one_of_forty_at_either_end():
     assert found.intervals["peak_sensitivity"] == pytest.approx((2 - 0.196, 2 + 0.196), abs=1e-3)
     assert found.intervals["phase_margin"] == pytest.approx((40 - 1.96, 40 + 1.96), abs=1e-2)
     assert found.intervals["score"] == pytest.approx((0.2 + 0.025 * 0.6, 0.8 - 0.025 * 0.6), abs=1e-3)
+
+
+def test_a_gain_margin_is_told_without_the_readings_that_noise_raised():
+    """Of a loop with 2.9, 16 readings had a mean of 3.6."""
+    readings = np.array([2.5, 2.7, 2.8, 2.9, 2.9, 3.1, 3.6, 9.4])
+    info = tuple({"required_gain_margin": one, "required_lift_off_time": 0.01} for one in readings)
+    again = Trials(np.zeros((8, 3)), np.full(8, 0.8), np.zeros((8, 0)), info, np.zeros(8, bool))
+    assert verdict_of(np.zeros(3), again, 8, EPISODE).required["required_gain_margin"] == pytest.approx(2.9)
+    down = ({**info[0], "required_lift_off_time": np.inf}, *info[1:])
+    told = verdict_of(np.zeros(3), replace(again, info=down), 8, EPISODE).required
+    assert told["required_lift_off_time"] == np.inf  # one touchdown is one too many
 
 
 def test_nothing_that_failed_is_recommended():
