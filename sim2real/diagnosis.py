@@ -27,6 +27,7 @@ from sim2real.judgement.commands_seen import SEEN, seen_lost
 from sim2real.judgement.evidence import evidence_of
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
+from sim2real.judgement.limit_not_shown import without_limit_in_words
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
 from sim2real.judgement.sightings import Sighting, sightings
@@ -78,6 +79,7 @@ def diagnose(
         )
     named = by_holdout(fitted, judged, judged_on, attribution, weighed)
     notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
+    notes += without_limit_in_words(weighed.evidence, [e.candidate for e in named.kept if e.candidate is not None])
     notes += named.notes
     likely = likely_of(weighed.found, weighed.evidence, shipped())
     rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None
