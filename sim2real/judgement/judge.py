@@ -119,7 +119,8 @@ def lacking(evidence: Evidence, judge: Judge | None = None) -> float:
 def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.ndarray, belief: Belief) -> float:
     """What a free correction of every group would save that the best candidate leaves unexplained; or one of a stated
     constant, where that has no name beside the effects that it helps."""
-    share = min(belief.leftover * forms[best] / gap, 1.0) if gap else 0.0
+    whole = max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), gap)
+    share = min(belief.leftover * forms[best] / whole, 1.0) if whole else 0.0
     allowed = belief.group_sd * evidence.scatter + share * np.maximum(evidence.excess[0], 0.0)
     of_groups = float(np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum())
     return max(of_groups, float(evidence.cost[best]) - evidence.nameless - belief.group_cost)
@@ -170,9 +171,10 @@ def _meant_by_none(evidence: Evidence, least: float, prior: float, excused: floa
 
 
 def _best(evidence: Evidence) -> tuple[int, float]:
-    """The candidate of least cost, and what it explains of the gap that calibration leaves."""
+    """The candidate of least cost, and what it explains of what calibration leaves, at most as much as the motion."""
     best = int(np.argmin(np.where(np.isfinite(evidence.cost), evidence.cost, np.inf)))
-    return best, max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), 0.0)
+    explained = float(evidence.excess[0].sum() - evidence.excess[best].sum())
+    return best, min(max(explained, 0.0), max(evidence.motion, 0.0))
 
 
 def allowance(evidence: Evidence, judge: Judge | None = None) -> float:

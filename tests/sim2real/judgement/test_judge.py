@@ -73,6 +73,13 @@ def test_what_two_effects_save_is_shared_among_them():
     assert allowance(apart) == pytest.approx(Judge().belief.leftover * (base + sum(shares) * 6e4))
 
 
+@pytest.mark.parametrize(("motion", "named"), [(inf, "friction"), (1e6, "unknown")])
+def test_no_form_is_excused_a_share_of_more_than_the_motion(motion, named):
+    """A rotor that nearly falls without an effect moves far more than it was seen to."""
+    found = entries(replace(gap(1e9, friction=4e5), motion=motion))
+    assert found[0].effects == (named,)
+
+
 def test_what_is_excused_names_no_worse_explanation():
     """A delay of a ball with which friction saves little by chance; a lag of any form leaves more than the delay."""
     size, rest = 2e5, {"delay": 120.0, "friction": 4e4}
