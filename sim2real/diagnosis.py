@@ -26,10 +26,12 @@ from sim2real.judgement.commands_seen import SEEN, seen_lost
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness
+from sim2real.judgement.limit_not_shown import without_limit_in_words
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
 from sim2real.judgement.sightings import Sighting, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
+from sim2real.judgement.untold_time import late_readings
 from sim2real.judgement.verdict import verdict
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
 from sim2real.recorded.drifting import DRIFTING
@@ -76,6 +78,7 @@ def diagnose(
         )
     named = by_holdout(fitted, judged, judged_on, attribution, weighed)
     notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
+    notes += without_limit_in_words(weighed.evidence, [e.candidate for e in named.kept if e.candidate is not None])
     notes += named.notes
     likely = likely_of(weighed.found, weighed.evidence, shipped())
     rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None
@@ -104,6 +107,12 @@ def diagnose(
             gap = shrink(judged, attribution, free.candidate, judged_on, seed)
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, weighed.seen, weighed.drift)
     corrected = corrected if free is None else free.added_to(corrected)
+    late = late_readings(fitted, (picked or attribution.calibration).fit)
+    if late is not None and late.effects & {name for cause in named.cause for name in cause.split("+")}:
+        late = None  # it has a name
+    if late is not None:
+        notes.append(late.in_words())
+    hidden = unseen_by_all(records) | (frozenset() if late is None else late.effects)
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
     return Diagnosis(
         verdict=named.verdict,
@@ -123,10 +132,11 @@ def diagnose(
         leftover=left,
         tempering=weighed.tempering,
         free=free,
-        unseen=tuple(name for name in EFFECTS if name in unseen_by_all(records)),
+        unseen=tuple(name for name in EFFECTS if name in hidden),
         likely=tuple(likely),
         rareness=rare,
         evidence=weighed.evidence,
+        late=late,
     )
 
 

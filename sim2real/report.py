@@ -119,12 +119,14 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 
 def _from_current(diagnosis: Diagnosis) -> str:
-    """Where only what follows the current was compared, that this is so, as the end of a sentence."""
-    if not diagnosis.unseen:
-        return ""
-    return (
-        " from the current on; what acts before it, such as a delay of the command, does not show in these recordings"
-    )
+    """What does not show, where only what follows the current was compared or a time that is not stated hides a lag; as
+    the end of a sentence."""
+    late = diagnosis.late
+    said = ""
+    if set(diagnosis.unseen) - (frozenset() if late is None else late.effects):
+        said = " from the current on; what acts before it, such as a delay of the command, does not show in these "
+        said += "recordings"
+    return said if late is None else f"{said}; {late.briefly}"
 
 
 def tempered(diagnosis: Diagnosis) -> str:

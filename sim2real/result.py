@@ -22,6 +22,7 @@ from sim2real.gap.shrink import Gap, errors
 from sim2real.judgement.belief import LEVEL
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
+from sim2real.judgement.untold_time import Late
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.hypotheses import Coordinate
 from sim2real.words import Fitted
@@ -54,12 +55,14 @@ class Diagnosis:
         tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
             1 where it leaves no more than noise.
         free: What a free correction of a block adds where no effect explains the gap, or what is named leaves much.
-        unseen: Effects that do not show in any recording, because they act before the current that drives it.
+        unseen: Effects that do not show in any recording, because they act before the current that drives it, or look
+            like the time between two readings that nobody states.
         likely: The hypotheses among which the truth is, by the fitted recordings alone, in 90 % of campaigns like those
             that taught the judge: of effects that show, each family of causes judged by what the others taught.
         rareness: Share of the campaigns of a known cause that left as much unexplained, with their number; None unless
             the verdict is "unexplained".
         evidence: What the probabilities were computed from.
+        late: The clear time between displacement and drive that this has taken up; None without one.
     """
 
     verdict: str
@@ -83,6 +86,7 @@ class Diagnosis:
     likely: tuple[Entry, ...] = ()
     rareness: tuple[float, int] | None = None
     evidence: Evidence | None = None
+    late: Late | None = None
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"

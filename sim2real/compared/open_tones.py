@@ -103,11 +103,13 @@ def toned(records: Sequence[Record | OpenRecord], near: Point = NOMINAL) -> list
 
     A tone of known origin is believed, and one that another record has at the same frequency: a resonance that the
     model lacks looks a little different in every record. A slow one, for which a drift may pass, must be in two records
-    in any case. Where a record shows a tone, the others are looked at again there, and those that turn at another speed
-    where the rotation makes it: at one known frequency, noise passes for a tone far less often than anywhere in a
-    record.
+    in any case. The record that tells the frequency of a tone best tells it for all. Where a record shows a tone, the
+    others are looked at again there, and those that turn at another speed where the rotation makes it: at one known
+    frequency, noise passes for a tone far less often than anywhere in a record.
     """
     searched = [_searched(r, near) if isinstance(r, OpenRecord) else (r, None) for r in records]
+    own = [record for record, _ in searched]
+    searched = [(r, left) if left is None else _as_told_better(r, left, own) for r, left in searched]
     found = [record for record, _ in searched]
     shown = [(r, t.frequency) for r in found for t in r.tones]
     again = [
@@ -117,6 +119,25 @@ def toned(records: Sequence[Record | OpenRecord], near: Point = NOMINAL) -> list
     ]
     left = iter(again)
     return agreed([next(left) if isinstance(r, OpenRecord) else r for r in found])
+
+
+def _as_told_better(
+    record: OpenRecord, residual: Residual, records: Sequence[Record | OpenRecord]
+) -> tuple[OpenRecord, Residual]:
+    """A record and its residual without its tones, at the frequencies of those records that tell the same tones best.
+
+    What is left of a loud tone at a frequency that is hardly off stands above the noise.
+    """
+    tones = []
+    shown = [(t, _spacing(r) / t.chi2**0.5) for r in records if isinstance(r, OpenRecord) for t in r.tones]
+    for tone in record.tones:
+        near = ALIKE * _spacing(record)
+        best, off = min((own for own in shown if abs(own[0].frequency - tone.frequency) < near), key=lambda own: own[1])
+        if off < _spacing(record) / tone.chi2**0.5:
+            residual = replace(residual, lines=residual.lines + _lines_of(residual, tone))
+            tone, residual = _taken_out(residual, best.frequency / _spacing(record))
+        tones.append(tone)
+    return replace(record, tones=tuple(tones)), residual
 
 
 def _turning(record: OpenRecord, shown: Sequence[tuple[Record | OpenRecord, float]]) -> list[float]:
@@ -252,11 +273,17 @@ def _strongest_near(residual: Residual, line: float, within: float) -> float:
 
 def _taken_out(residual: Residual, line: float) -> tuple[Tone, Residual]:
     """The tone at a line, and the residual without it."""
-    w, frequency = residual.record.windows, line * _spacing(residual.record)
+    frequency = line * _spacing(residual.record)
     (amplitude,), (chi2,) = tones_in(residual, np.array([frequency]))
+    tone = Tone(float(frequency), {"opened": amplitude}, float(chi2))
+    return tone, replace(residual, lines=residual.lines - _lines_of(residual, tone))
+
+
+def _lines_of(residual: Residual, tone: Tone) -> np.ndarray:
+    """Coordinates (axes, windows, KEPT) of a tone."""
+    w, amplitude = residual.record.windows, tone.amplitude["opened"]
     own = np.array([amplitude.real, -amplitude.imag])
-    without = residual.lines - np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, frequency)))
-    return Tone(float(frequency), {"opened": amplitude}, float(chi2)), replace(residual, lines=without)
+    return np.einsum("ca,cwk->awk", own, w.project(tone_lines(w, tone.frequency)))
 
 
 def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import stats
 
-from estimation.lines.line_windows import KEPT
+from estimation.lines.line_windows import KEPT, POOLED
 from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.fitting import Fit
@@ -86,22 +86,32 @@ NOISE_ALONE = Dispersion(ChiSquare(0.0, 0.0), ChiSquare(0.0, 0.0))
 def dispersion_of(problem: Problem, fit: Fit) -> Dispersion:
     """The dispersion about a fit that has its Jacobian."""
     parts = [_left(part, fit.residual[part.place]) for part in problem.parts]
-    whole = ChiSquare(sum(p.value for p in parts), sum(p.freedom for p in parts), NOISE_INFLATION)
+    freedom = sum(p.freedom for p in parts)
+    scatter = sum(p.freedom * p.inflation**2 for p in parts) / max(freedom, 1.0)
+    whole = ChiSquare(sum(p.value for p in parts), freedom, float(np.sqrt(scatter)))
     return Dispersion(whole, _among_recordings(problem, fit))
 
 
 def _left(part: Part, residual: np.ndarray) -> ChiSquare:
     """What goes with the excitation: of a record without a period its directions in every window, because the noise is
-    told from the others (along an instrument, that is all); else all lines, whose noise is told by the periods."""
+    told from the others (along an instrument, that is all); else all lines, whose noise is told by the periods.
+
+    The fewer directions tell the noise, the larger the ratio of both powers is on average, and the more it scatters: it
+    is F-distributed.
+    """
     record = part.record
     if not isinstance(record, OpenRecord) or record.instrument is not None:
-        return ChiSquare(float(np.sum(abs(residual) ** 2)), 2.0 * residual.size)
+        return ChiSquare(float(np.sum(abs(residual) ** 2)), 2.0 * residual.size, NOISE_INFLATION)
     whole = np.zeros(part.measured.shape, complex)
     whole[..., part.used] = residual.reshape(*part.measured.shape[:2], -1)
     windows = part.used.reshape(-1, KEPT).all(axis=1)
     inside, rank = record.windows.along(whole.reshape(*whole.shape[:2], -1, KEPT), record.drives)
-    power = np.sum(abs(inside[..., windows, :]) ** 2)
-    return ChiSquare(float(power), 2.0 * float(rank[windows].sum()) * whole.shape[0] * whole.shape[1])
+    power, rank = np.sum(abs(inside[..., windows, :]) ** 2, axis=(0, 1, 3)), rank[windows]
+    telling = np.maximum(KEPT - rank, 1.0)
+    mean = POOLED * telling / (POOLED * telling - 1)
+    more = np.sum(rank * (1 + rank / telling)) / max(rank.sum(), 1)
+    freedom = 2.0 * float(rank.sum()) * whole.shape[0] * whole.shape[1]
+    return ChiSquare(float(np.sum(power / mean)), freedom, max(NOISE_INFLATION, float(np.sqrt(more))))
 
 
 def _among_recordings(problem: Problem, fit: Fit) -> ChiSquare:

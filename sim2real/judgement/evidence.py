@@ -20,7 +20,7 @@ from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.judgement.within_reach import LIMITED, shows_limit
 from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
-from sim2real.search.candidates import Attribution, Candidate
+from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fitting import Fit, differentiate
 from sim2real.search.hypotheses import REPLACED, added_lag
 
@@ -47,12 +47,14 @@ class Evidence:
         tones: Chi-square of each family of tones that was found.
         spin: Cost of each effect that may explain what turns with the rotor.
         causes: Cost of each effect that may explain one of the families in `judge.OPEN`.
-        dispersion: What the best candidate leaves beyond noise.
+        dispersion: What the best candidate leaves beyond noise, or one of fewer effects that is as good.
         strain: Part of each candidate's cost that stated parameters make that moved far beyond their tolerance.
         nameless: Least cost of the candidates that name beside another effect one which changes nothing; inf without
             one. A stated constant that moved explains there, which only an unknown cause can stand for.
         refused: What each single effect costs that is refused because it has no meaning where its fit ended, as
             friction that never slides; inf of all others. What acts so has no name.
+        motion: Cost of a simulation that stands still, beyond noise. Where the rotor nearly falls without an effect,
+            that is far off by more than anything that was measured, and no gap counts for more than the motion.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -68,6 +70,7 @@ class Evidence:
     strain: np.ndarray | None = None
     nameless: float = inf
     refused: np.ndarray | None = None
+    motion: float = inf
 
 
 def evidence_of(
@@ -84,7 +87,7 @@ def evidence_of(
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
         residuals[0] = p.opened_residual()  # no rotor levitates without an effect
-    at = int(np.argmin(cost))
+    at = _plainest(candidates, cost)
     best = fits[at]
     octave = np.floor(np.log2(np.maximum(p.frequency, 1e-9))).astype(int)
     rows = np.stack([p.output, p.kind, octave], axis=1)
@@ -104,7 +107,18 @@ def evidence_of(
         np.array([_strain(c.fit) for c in candidates]),
         nameless,
         refused,
+        float(np.vdot(p.data, p.data).real - 2.0 * p.data.size),
     )
+
+
+def _plainest(candidates: Sequence[Candidate], cost: np.ndarray) -> int:
+    """The candidate of fewest effects among those as good as the best.
+
+    Parameters of an effect that is not there are told by noise alone, by every recording otherwise: recordings that
+    agree would seem not to.
+    """
+    near = np.flatnonzero(cost < cost.min() + NO_GAP) if np.isfinite(cost).any() else [0]
+    return int(min(near, key=lambda i: (len(candidates[i].effects), cost[i])))
 
 
 def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, float, np.ndarray]:

@@ -51,6 +51,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
         strain=None if strain is None else _numbers(strain),
         nameless=float(_numbers([data.get("nameless")])[0]),
         refused=None if refused is None else _numbers(refused),
+        motion=float(_numbers([data.get("motion")])[0]),
     )
 
 

@@ -79,9 +79,9 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     excused = allowance(evidence, judge)
     of_data = costs - strain
     apart = (of_data - of_data.min()) / evidence.dispersion.ratio(excused)
-    logs = np.log([prior for *_, prior, _ in rows]) - 0.5 * belief.freedom * np.log1p(apart / scale)
-    logs -= 0.5 * strain
-    logs -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
+    likelihood = -0.5 * belief.freedom * np.log1p(apart / scale)
+    likelihood -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
+    logs = np.log([prior for *_, prior, _ in rows]) + _as_excused(likelihood, of_data, scale) - 0.5 * strain
     # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, or of
     # what differs among recordings.
     named_best, *_, at_best = rows[int(np.argmin(costs))]
@@ -101,7 +101,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
         Entry(names, float(w), float(cost), i, _worst(evidence, before, i))
         for (names, cost, _, i), w in zip(rows, weights, strict=True)
     ]
-    return sorted(found, key=lambda e: -e.probability)
+    return sorted(found, key=lambda e: (-e.probability, e.cost))
 
 
 def lacking(evidence: Evidence, judge: Judge | None = None) -> float:
@@ -119,10 +119,26 @@ def lacking(evidence: Evidence, judge: Judge | None = None) -> float:
 def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.ndarray, belief: Belief) -> float:
     """What a free correction of every group would save that the best candidate leaves unexplained; or one of a stated
     constant, where that has no name beside the effects that it helps."""
-    share = min(belief.leftover * forms[best] / gap, 1.0) if gap else 0.0
+    whole = max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), gap)
+    share = min(belief.leftover * forms[best] / whole, 1.0) if whole else 0.0
     allowed = belief.group_sd * evidence.scatter + share * np.maximum(evidence.excess[0], 0.0)
     of_groups = float(np.maximum(evidence.excess[best] - allowed - belief.group_cost, 0.0).sum())
     return max(of_groups, float(evidence.cost[best]) - evidence.nameless - belief.group_cost)
+
+
+def _as_excused(likelihood: np.ndarray, cost: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Logarithms of likelihoods (n,), none of them below that of a hypothesis that explains less and is excused more.
+
+    What a form leaves is excused because real ones differ. Where an effect without another form explains more than one
+    that is excused, that excuse would otherwise name the worse of both: a lag of any form for a plain delay.
+
+    Args:
+        likelihood: Logarithms.
+        cost: Costs.
+        scale: What is excused, of each.
+    """
+    worse = (cost >= cost[:, None]) & (scale >= scale[:, None])
+    return np.max(np.where(worse, likelihood, -np.inf), axis=1)
 
 
 def _unlike(evidence: Evidence, saved: float, form: float, excused: float, belief: Belief) -> float:
@@ -155,9 +171,10 @@ def _meant_by_none(evidence: Evidence, least: float, prior: float, excused: floa
 
 
 def _best(evidence: Evidence) -> tuple[int, float]:
-    """The candidate of least cost, and what it explains of the gap that calibration leaves."""
+    """The candidate of least cost, and what it explains of what calibration leaves, at most as much as the motion."""
     best = int(np.argmin(np.where(np.isfinite(evidence.cost), evidence.cost, np.inf)))
-    return best, max(float(evidence.excess[0].sum() - evidence.excess[best].sum()), 0.0)
+    explained = float(evidence.excess[0].sum() - evidence.excess[best].sum())
+    return best, min(max(explained, 0.0), max(evidence.motion, 0.0))
 
 
 def allowance(evidence: Evidence, judge: Judge | None = None) -> float:

@@ -24,6 +24,8 @@ from sim2real.search.candidates import Attribution
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 
 NO_EFFECT = ((NONE,), (CALIBRATION,))
+ROUNDS = 3  # in which the holdout is asked; what it bears out after many others would be chance
+LEAST = 0.01  # probability by the fitted recordings that is named where the holdout refutes what was more probable
 
 
 @dataclass(frozen=True)
@@ -75,45 +77,37 @@ class Named:
 
 
 def by_holdout(fitted: Problem, judged: Problem, judged_on: str, attribution: Attribution, weighed: Weighed) -> Named:
-    """Drop what the holdout refutes, and what predicts nothing of the motion; the verdict follows from what is left."""
+    """Drop what the holdout refutes, and what predicts nothing of the motion; the verdict follows from what is left.
+
+    What is most probable then is asked likewise, as long as the fitted recordings do not leave it improbable.
+    """
     found, verdicted, cause = weighed.found, weighed.verdict, weighed.cause
-    named = with_effects(found)
-    alike = alternatives(named) if verdicted in ("explained", "ambiguous") else []
-    kept = alike
-    if alike and judged_on == "holdout":
-        kept = borne_out(judged, attribution, alike)
-        against = [*spoken_against(judged, attribution, kept), *leaves_too_much(judged, attribution, kept)]
+    probable = {e.effects for e in found if e.probability > LEAST}
+    named, kept, notes, refuted = with_effects(found), [], [], []
+    for _ in range(ROUNDS):
+        kept = alternatives(with_effects(found)) if verdicted in ("explained", "ambiguous") else []
+        kept = [e for e in kept if not refuted or e.effects in probable]
+        on_holdout = kept if judged_on == "holdout" else []
+        refuting, said = _refuted_by(judged, attribution, on_holdout)
+        idle, said_of_idle = _still(fitted, attribution, [e for e in kept if e not in refuting])
+        against = [*refuting, *idle]
+        notes += [*said_of_idle, *said]
         kept = [e for e in kept if e not in against]
-    refuted = [e for e in alike if e not in kept]
-    still = [e for e in kept if _predicts_nothing(fitted, attribution, e)]
-    notes = [
-        f"with {' and '.join(e.effects)} the simulation comes nearest, but it predicts nothing of the measured motion: "
-        "no effect is named; check the rig's magnet, gains, signs and units"
-        for e in still
-    ]
-    kept = [e for e in kept if e not in still]
-    notes += [
-        f"{' with '.join(e.effects)} would explain the recordings that were fitted, but the holdout is simulated no "
-        "better with it than without, or than by calibration alone, or with a gap that no form of it leaves: it is not "
-        "named"
-        for e in refuted
-    ]
-    refuted += still
-    if refuted and not kept and shows_nothing(judged, attribution, _saved(weighed, refuted)):
-        # The unknown cause, too, was weighed by what those save that the holdout refutes.
-        verdicted, cause = "no_gap", ()
-        found, named = without(found, [e for e in found if e.effects not in NO_EFFECT]), []
-    elif refuted:
-        found, named = without(found, refuted), kept or named
+        if not against:
+            break
+        refuted += against
+        if not kept and shows_nothing(judged, attribution, _saved(weighed, refuted)):
+            # The unknown cause, too, was weighed by what those save that the holdout refutes.
+            found = without(found, [e for e in found if e.effects not in NO_EFFECT])
+            return Named("no_gap", (), found, [], [], notes)
+        found = without(found, against)
         verdicted, cause = verdict(found)
+    if refuted:
         if verdicted == "no_gap":  # what is left speaks for calibration
-            named, kept = [], []
-        elif not kept:
-            verdicted, cause = "unexplained", (UNKNOWN,)
-        elif verdicted == "unexplained":
-            kept = []
-        else:
-            verdicted, cause = worded(kept)
+            return Named(verdicted, cause, found, [], [], notes)
+        if not kept or verdicted == "unexplained":
+            return Named("unexplained", (UNKNOWN,), found, named, [], notes)
+        verdicted, cause, named = *worded(kept), kept
     elif verdicted == "no_gap" and judged_on == "holdout":
         shown = shown_by_both(judged, attribution, named, weighed.tempering)
         if shown and not leaves_clear_gap(judged, attribution, shown):
@@ -133,6 +127,33 @@ def by_holdout(fitted: Problem, judged: Problem, judged_on: str, attribution: At
                 "the holdout together with them"
             )
     return Named(verdicted, cause, found, named, kept, notes)
+
+
+def _refuted_by(holdout: Problem, attribution: Attribution, alike: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
+    """Those that the holdout refutes, and why."""
+    if not alike:
+        return [], []
+    kept = borne_out(holdout, attribution, alike)
+    against = [*spoken_against(holdout, attribution, kept), *leaves_too_much(holdout, attribution, kept)]
+    off = [e for e in alike if e not in kept or e in against]
+    notes = [
+        f"{' with '.join(e.effects)} would explain the recordings that were fitted, but the holdout is simulated no "
+        "better with it than without, or than by calibration alone, or with a gap that no form of it leaves: it is not "
+        "named"
+        for e in off
+    ]
+    return off, notes
+
+
+def _still(fitted: Problem, attribution: Attribution, alike: Sequence[Entry]) -> tuple[list[Entry], list[str]]:
+    """Those that predict nothing of the motion, and what is said of them."""
+    still = [e for e in alike if _predicts_nothing(fitted, attribution, e)]
+    notes = [
+        f"with {' and '.join(e.effects)} the simulation comes nearest, but it predicts nothing of the measured motion: "
+        "no effect is named; check the rig's magnet, gains, signs and units"
+        for e in still
+    ]
+    return still, notes
 
 
 def _saved(weighed: Weighed, refuted: Sequence[Entry]) -> float:

@@ -66,7 +66,7 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     for i, part in enumerate(problem.parts):
         between = [s for s in _between(i, part, point) if not (drifting and _is_trend(part, s.frequency))]
         found += between + _on_lines(i, part, point) + _bands(i, part, point, drifting)
-    found = _one_family(problem, _mixed(problem, _higher_harmonics(problem, found)))
+    found = _one_family(problem, _mixed(problem, _higher_harmonics(problem, _foreign_elsewhere(problem, found))))
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
     axes = problem.parts[0].record.axes
@@ -85,6 +85,23 @@ def _is_trend(part: Part, frequency: float) -> bool:
         return False
     apart = abs(frequency - record.frequency[record.excited]).min(initial=np.inf)
     return bool(apart < record.experiment.fundamental / record.count)
+
+
+def _foreign_elsewhere(problem: Problem, found: list[Sighting]) -> list[Sighting]:
+    """Assign tones that a short record cannot tell from a harmonic of the mains or the rotation to a clearer one of
+    unknown origin at the same frequency in another record, which does. A family that is seen more clearly stays."""
+
+    def named(s: Sighting) -> Sighting:
+        if s.family in (FOREIGN, LOUD) or any(k.family == s.family and k.chi2 > s.chi2 for k in found):
+            return s
+        off = SAME * _resolution(problem.parts[s.record].record)
+        same = [
+            k for k in found if k.family == FOREIGN and k.record != s.record and abs(k.frequency - s.frequency) < off
+        ]
+        clearest = max(same, key=lambda k: k.chi2, default=s)
+        return replace(s, family=FOREIGN, harmonic=1, frequency=clearest.frequency) if clearest.chi2 > s.chi2 else s
+
+    return [named(s) for s in found]
 
 
 def _higher_harmonics(problem: Problem, found: list[Sighting]) -> list[Sighting]:

@@ -62,6 +62,13 @@ class Nuisances:
         found = u @ (s / np.sqrt(1 + s**2) * (directions @ _parts(cleared)))
         return dict(zip(self.names, map(float, found), strict=True))
 
+    @cached_property
+    def spread(self) -> dict[str, float]:
+        """Standard error of the amount of each nuisance, in standard deviations of what is stated of it: 1 at most."""
+        u, s, _ = self._decomposed
+        told = 1 - (u**2) @ (s**2 / (1 + s**2))
+        return dict(zip(self.names, map(float, np.sqrt(np.maximum(told, 0.0))), strict=True))
+
     def within(self, place: slice) -> "Nuisances":
         """The nuisances of a part of the data."""
         return Nuisances(self.names, self.columns[:, place])

@@ -119,7 +119,7 @@ def _amplitude(record: OpenRecord, loop: Loop, axis: int, noise: np.ndarray, pol
     """Standard deviation, m, of what a mode holds at one end of a record less what it holds at the other.
 
     Sensor noise moves the rotor through the closed loop, faster than the mode itself where the loop is stiffer; what
-    else disturbs the rotor does so near the mode.
+    else disturbs the rotor does so near the mode. A tone begins and ends with the record wherever it lies.
 
     Args:
         record: the record.
@@ -133,4 +133,9 @@ def _amplitude(record: OpenRecord, loop: Loop, axis: int, noise: np.ndarray, pol
     faster = 2 * pi * record.windows.frequency / pole
     near = abs(faster[:, WIDTH // 2] - 1) <= np.min(abs(faster[:, WIDTH // 2] - 1))
     power = moved * np.maximum(faster, 1.0) ** 2 + left * near[:, None]
-    return float(np.sqrt(np.sum(power * noise.reshape(-1, KEPT)[:, :1] ** 2)))
+    total = float(np.sum(power * noise.reshape(-1, KEPT)[:, :1] ** 2))
+    for tone in record.tones:
+        at = np.unravel_index(np.argmin(abs(record.windows.frequency - tone.frequency)), loop.shape)
+        held = max(moved[at], left[at]) * max(faster[at], 1.0) ** 2
+        total += float(held * abs(tone.amplitude["opened"][axis]) ** 2)
+    return float(np.sqrt(total))

@@ -11,6 +11,7 @@ from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, Point, tolera
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.search.across_ticks import across_ticks
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
@@ -68,7 +69,7 @@ def attribute(
     if earlier is None:
         progress("single effects")
         shown = [name for name in single_effects(rig) if name not in hidden]
-        singles = fit_singles(problem, (untouched, calibration[0]), shown)
+        singles = across_ticks(problem, fit_singles(problem, (untouched, calibration[0]), shown))
     else:
         progress("the same effects again")
         singles, pairs = _again(problem, earlier, reach)

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import product
 from math import exp, inf, isinf, log
 
 import numpy as np
@@ -90,6 +91,10 @@ USUAL = 0.1
 # Starts of a knee at another place: multiples of the current that is reached, with the coordinate of its sharpness.
 ELSEWHERE, SHARPNESS = ((0.7, 0.0), (1.5, 0.0), (3.0, 0.0), (1.5, -1.2), (3.0, -1.2), (6.0, -1.2)), "sharpness"
 LEAST_BEYOND = 0.3
+# Forms that are another effect altogether while what they stand for is strong, and where they begin then: under ripple,
+# iron lags in time.
+DITHERS: Mapping[str, tuple[str, ...]] = {"hysteresis": ("hysteresis.ripple",)}
+DITHERED_AT = (0.5, 1.5, 2.5)
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 
 
@@ -274,9 +279,10 @@ def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
 
 
 def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default.
+    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default, and under
+    what makes another effect of it (DITHERS).
 
-    There its plain parameters are at their upper bounds, where they change nothing. A knee that lies far above the
+    At a knee its plain parameters are at their upper bounds, where they change nothing. A knee that lies far above the
     currents of the recordings changes nothing either, and far below them no rotor levitates. A smooth one bends far
     below its limit, so it begins in that form, too.
 
@@ -299,5 +305,10 @@ def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[
             u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (knee * shape.parameter.shape)
             if smooth in free.shapes:
                 u[len(free.coordinates) + free.calibrated.index(smooth)] = rounder
+            found.append((free, u))
+    for key in (key for key in DITHERS.get(name, ()) if key in free.shapes):
+        for at, start in product(DITHERED_AT, starts(name, hypothesis.scales)):
+            u = np.concatenate([start, np.zeros(len(free.calibrated))])
+            u[len(free.coordinates) + free.calibrated.index(key)] = at
             found.append((free, u))
     return found

@@ -146,10 +146,12 @@ class _Look:
                 without[i] = 0.0
         own, along = (float(np.squeeze(v)) for v in self.follows.along(change[None]))
         if (without == u).all():
-            return _Promise(h, [self._moved(u, change)], 2.0 * along - own)
-        without = extended(self.h, without[: len(self.h.coordinates)], self.seed)
+            return _Promise(h, [self._moved(h, u, change)], 2.0 * along - own)
+        without = extended(h, without[: len(h.coordinates)], self.seed)
+        forms = [i for i, name in enumerate(h.calibrated, len(h.coordinates)) if name in h.shapes]
+        without[forms] = u[forms]
         share = self._share(own, along, float(np.vdot(change, change).real))
-        moved = [self._moved(without + part * (u - without), part * change) for part in (share, 0.5 * share)]
+        moved = [self._moved(h, without + part * (u - without), part * change) for part in (share, 0.5 * share)]
         return _Promise(h, moved, share * (2.0 * along - share * own))
 
     def _share(self, own: float, along: float, size: float) -> float:
@@ -158,9 +160,9 @@ class _Look:
             return 0.0
         return float(np.clip(along / own, -MOST_SCALED, MOST_SCALED))
 
-    def _moved(self, u: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def _moved(self, h: Hypothesis, u: np.ndarray, change: np.ndarray) -> np.ndarray:
         moved = u.copy()
         step = np.zeros_like(u)
         step[self.columns] = self.follows.step(change)
-        moved += step / np.max(abs(step) / reach(self.h, u), initial=1.0)
-        return self.h.bounded(moved)
+        moved += step / np.max(abs(step) / reach(h, u), initial=1.0)
+        return h.bounded(moved)

@@ -293,8 +293,8 @@ MUTANTS = (
         "The judge takes differences of cost for differences of log-likelihood, twice what they are.",
         (
             (
-                "- 0.5 * belief.freedom * np.log1p(apart / scale)",
-                "- belief.freedom * np.log1p(apart / scale)",
+                "likelihood = -0.5 * belief.freedom * np.log1p(apart / scale)",
+                "likelihood = -belief.freedom * np.log1p(apart / scale)",
             ),
         ),
         ("test_judge.py",),

@@ -20,6 +20,7 @@ from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
 from maglev_workbench.console import console
 from sim2real.curves import curves
 from sim2real.diagnosis import diagnose
+from sim2real.judgement.untold_time import Late
 from sim2real.report import corrections
 from sim2real.search import attribute
 
@@ -157,6 +158,9 @@ def test_every_verdict_has_a_page(diagnosed):
     assert "There is no gap" in diagnose_page(none) and "Within tolerance" in shown(none)
     partly = " ".join(shown(replace(none, unseen=("delay",))).split())
     assert "from the current on" in partly and "from the current on" not in shown(none)
+    late = " ".join(shown(replace(none, unseen=("sensor_lag",), late=Late("current", 2e-3, 1e-4, 0.5))).split())
+    assert "2.00 +- 0.10 ms later than the current says" in late and "or sensor_lag." in late
+    assert "from the current on" not in late
     unknown = replace(found, verdict="unexplained", cause=("unknown",))
     assert "No effect that fits is borne out" in diagnose_page(unknown)
     unknown = replace(unknown, which=(replace(found.which[0], effects=("unknown",)), *found.which[1:]))

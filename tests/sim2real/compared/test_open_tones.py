@@ -10,7 +10,17 @@ from estimation.lines.line_windows import KEPT
 from estimation.lines.tones import Tone
 from sim2real.compared import open_tones
 from sim2real.compared.distortion import distorted, driving_sines
-from sim2real.compared.open_tones import Residual, agreed, log_chances, residual_of, toned, tones_in, with_tones
+from sim2real.compared.open_tones import (
+    Residual,
+    _as_told_better,
+    _taken_out,
+    agreed,
+    log_chances,
+    residual_of,
+    toned,
+    tones_in,
+    with_tones,
+)
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
 from sim2real.recorded.records import read_records
@@ -163,3 +173,19 @@ def test_products_of_two_sines_are_known_and_noise_and_a_chirp_have_none(read):
     for kind in ("noise", "chirp", "steps", "hover"):
         other = read(Bench(), kind)
         assert driving_sines(other).size == 0 and not distorted(other, at).any()
+
+
+@pytest.mark.parametrize(("chi2", "moved"), [(1e9, True), (1.0, False)])
+def test_the_record_that_tells_a_frequency_best_tells_it_for_all(read, chi2, moved):
+    """A loud tone that is taken out a twentieth of a line beside its frequency leaves much of itself."""
+    record = read(Bench(tone=10 * TONE), "noise")
+    (tone,) = with_tones(record).tones
+    spacing = record.windows.sample_rate / record.windows.samples
+    beside, left = _taken_out(residual_of(record, Point({}, {})), tone.frequency / spacing + 0.05)
+    one = replace(record, tones=(beside,))
+    other = replace(record, tones=(replace(tone, chi2=chi2),))
+    found, cleared = _as_told_better(one, left, [one, other])
+    assert found.tones[0].frequency == pytest.approx(tone.frequency if moved else beside.frequency, rel=1e-12)
+    window = abs(record.windows.centre - tone.frequency).argmin()
+    before, after = (np.sum(abs(r.lines[:, window]) ** 2) for r in (left, cleared))
+    assert after < 0.8 * before if moved else after == pytest.approx(before)

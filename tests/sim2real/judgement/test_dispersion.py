@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.judgement.dispersion import NOISE_ALONE, ChiSquare, Dispersion, dispersion_of
+from estimation.lines.line_windows import KEPT, WIDTH, LineWindows
+from sim2real.judgement.dispersion import NOISE_ALONE, ChiSquare, Dispersion, _left, dispersion_of
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import Hypothesis
 
@@ -51,3 +53,27 @@ def test_a_residual_that_is_too_large_is_told():
     found = fitted(np.random.default_rng(2), level=2.0)
     assert found.ratio() == pytest.approx(4.0, rel=0.2)
     assert "excitation" in Dispersion(ChiSquare(400.0, 100.0), NOISE_ALONE.recordings).in_words()
+
+
+@pytest.mark.parametrize("inputs", [1, 4])
+def test_noise_that_few_directions_tell_is_no_gap(monkeypatch, inputs):
+    """Four inputs that vary leave six of eighteen directions of a window to tell the noise."""
+    rng, count = np.random.default_rng(3), 40
+    windows = LineWindows(4 * count * WIDTH, 1.0, 1, count)
+    record = object.__new__(OpenRecord)
+    for key, value in (("instrument", None), ("windows", windows)):
+        object.__setattr__(record, key, value)
+    drives = rng.standard_normal((inputs, count, WIDTH)) + 1j * rng.standard_normal((inputs, count, WIDTH))
+    monkeypatch.setattr(OpenRecord, "drives", property(lambda self: drives))
+    found = []
+    for _ in range(150):
+        noise = rng.standard_normal((1, 1, count, WIDTH)) + 1j * rng.standard_normal((1, 1, count, WIDTH))
+        sd = np.sqrt(windows.noise(noise, drives).variance)[..., None]
+        residual = (windows.project(noise) / sd * np.sqrt(2)).reshape(-1)
+        part = SimpleNamespace(record=record, measured=np.zeros((1, 1, count * KEPT)), used=np.ones(count * KEPT, bool))
+        found.append(_left(part, residual))
+    value, freedom = np.array([f.value for f in found]), found[0].freedom
+    expected = np.sqrt(2 * freedom * (1 + 3 * inputs / (KEPT - 3 * inputs)))
+    assert value.mean() == pytest.approx(freedom, abs=4 * expected / np.sqrt(150))
+    assert value.std() == pytest.approx(expected, rel=0.25)
+    assert all(f.ratio(0.0) == 1.0 for f in found)

@@ -42,9 +42,9 @@ def evidence(costs=None, nominal=None, excess=None, pairs=None, tones=None, spin
     return Evidence(names, EXPECTED + cost, EXPECTED + beyond, found, scatter, GROUPS, tones or {}, spin or {})
 
 
-def gap(size, **left) -> Evidence:
+def gap(size, pairs=None, **left) -> Evidence:
     """A gap of so much cost that each named effect leaves that much of, and every other one all of."""
-    return evidence({"": size, **dict.fromkeys(SINGLES, size), **left})
+    return evidence({"": size, **dict.fromkeys(SINGLES, size), **left}, pairs=pairs)
 
 
 def probability(found: list[Entry], *effects: str) -> float:
@@ -71,6 +71,27 @@ def test_what_two_effects_save_is_shared_among_them():
     base = Judge().belief.form_share * 1e5
     assert allowance(alike) == pytest.approx(Judge().belief.leftover * (base + min(shares) * 1e5))
     assert allowance(apart) == pytest.approx(Judge().belief.leftover * (base + sum(shares) * 6e4))
+
+
+@pytest.mark.parametrize(("motion", "named"), [(inf, "friction"), (1e6, "unknown")])
+def test_no_form_is_excused_a_share_of_more_than_the_motion(motion, named):
+    """A rotor that nearly falls without an effect moves far more than it was seen to."""
+    found = entries(replace(gap(1e9, friction=4e5), motion=motion))
+    assert found[0].effects == (named,)
+
+
+def test_what_is_excused_names_no_worse_explanation():
+    """A delay of a ball with which friction saves little by chance; a lag of any form leaves more than the delay."""
+    size, rest = 2e5, {"delay": 120.0, "friction": 4e4}
+    found = entries(gap(size, **rest, amplifier_lag=160.0, pairs={"delay+friction": 0.0}))
+    kind, cause = verdict(found)
+    assert cause[0] == "delay" and kind == "ambiguous" and "amplifier_lag" in cause
+    assert probability(found, "delay") >= probability(found, "amplifier_lag") > 0.3
+    # A lag that explains more is still named, whatever its form.
+    assert judged(gap(size, **(rest | {"delay": 1e3}), amplifier_lag=160.0, pairs={"delay+friction": 800.0})) == (
+        "explained",
+        ("amplifier_lag",),
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))

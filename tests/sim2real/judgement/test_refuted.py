@@ -91,3 +91,30 @@ def test_what_predicts_nothing_of_the_motion_is_not_named(monkeypatch, predicted
     assert module._predicts_nothing(None, attribution, entry) is not named
     tone = SimpleNamespace(candidate=None, effects=("unbalance",))
     assert not module._predicts_nothing(None, attribution, tone)
+
+
+@pytest.mark.parametrize(
+    ("of_next", "borne", "verdict"),
+    [(0.04, True, "explained"), (0.04, False, "unexplained"), (0.004, True, "unexplained")],
+)
+def test_what_is_named_instead_is_asked_on_the_holdout_too(monkeypatch, of_next, borne, verdict):
+    """The holdout refuted a lag, which left a delay more probable than an unknown cause."""
+    found = [Entry(("amplifier_lag",), 0.99 - of_next, 100.0, 1, None), Entry(("delay",), of_next, 101.0, 2, None)]
+    found.append(Entry(("unknown",), 0.003, 100.0, None, None))
+    asked = []
+
+    def bears_out(judged, attribution, named):
+        asked.extend(e.effects[0] for e in named)
+        return [e for e in named if borne and e.effects == ("delay",)]
+
+    monkeypatch.setattr(module, "borne_out", bears_out)
+    for name in ("spoken_against", "leaves_too_much"):
+        monkeypatch.setattr(module, name, lambda *a: [])
+    for name in ("shows_nothing", "_predicts_nothing"):
+        monkeypatch.setattr(module, name, lambda *a: False)
+    evidence = SimpleNamespace(cost=np.array([200.0, 100.0, 101.0]))
+    weighed = SimpleNamespace(found=found, verdict="explained", cause=("amplifier_lag",), evidence=evidence)
+    named = module.by_holdout(None, None, "holdout", None, weighed)
+    assert named.verdict == verdict and [e.effects for e in named.kept] == [("delay",)] * (verdict == "explained")
+    assert asked == ["amplifier_lag"] + ["delay"] * (of_next > module.LEAST)
+    assert named.effects[0].effects == (("delay",) if verdict == "explained" else ("amplifier_lag",))

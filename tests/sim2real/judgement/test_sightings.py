@@ -9,7 +9,7 @@ from bench_loop import Bench, write_campaign
 from sim2real.compared.open_tones import with_tones
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
-from sim2real.judgement.sightings import FOREIGN, _is_trend, sightings
+from sim2real.judgement.sightings import FOREIGN, Sighting, _foreign_elsewhere, _is_trend, sightings
 from sim2real.recorded.records import read_records
 
 TONE = 2e-6  # m, of the probe, at 61.7 Hz
@@ -36,3 +36,21 @@ def test_a_tone_that_the_periods_hardly_tell_from_a_line_may_be_its_trend(freque
         count=5,
     )
     assert _is_trend(SimpleNamespace(record=record), frequency) == trend
+
+
+@pytest.mark.parametrize(
+    ("clearer", "of_mains", "family"), [(8e4, 0.0, FOREIGN), (1e3, 0.0, "pickup 50 Hz"), (8e4, 9e3, "pickup 50 Hz")]
+)
+def test_a_short_record_leaves_the_origin_of_a_tone_to_a_long_one(clearer, of_mains, family):
+    """Half a second does not tell 100.9 Hz from twice the mains; three seconds do."""
+    e = SimpleNamespace(fundamental=10.0, recorded_per_period=1)
+    series = [{"displacement": np.zeros((1, round(10 * seconds)))} for seconds in (3.0, 0.5)]
+    records = [SimpleNamespace(experiment=e, series=own) for own in series]
+    problem = SimpleNamespace(parts=[SimpleNamespace(record=r) for r in records])
+    rest = {"size": 1e-6, "sd": 1e-8, "receptance": 1e-5}
+    long = Sighting(0, FOREIGN, 1, 100.9, chi2=clearer, **rest)
+    short = Sighting(1, "pickup 50 Hz", 2, 101.05, chi2=5e3, **rest)
+    mains = [Sighting(0, "pickup 50 Hz", 1, 50.0, chi2=of_mains, **rest)] if of_mains else []
+    found = _foreign_elsewhere(problem, [long, short, *mains])
+    assert found[0] == long and found[1].family == family
+    assert found[1].frequency == (100.9 if family == FOREIGN else 101.05)

@@ -37,3 +37,5 @@ def test_the_most_probable_amounts_are_those_of_bayes_rule():
     assert list(amounts) == list("abc")
     np.testing.assert_allclose(list(amounts.values()), expected, rtol=1e-9)
     np.testing.assert_allclose(expected, true, atol=0.3)
+    covariance = np.linalg.inv(np.eye(3) + c @ c.T)
+    np.testing.assert_allclose(list(found.spread.values()), np.sqrt(np.diag(covariance)), rtol=1e-9)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.lines.tones import Tone
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.open_tones import with_tones
@@ -61,6 +62,23 @@ def test_ringing_is_as_large_as_noise_moves_the_loop(record):
     one, three = (ringing(record, nominal_loop(record), OUTPUTS, noise, record.experiment) for noise in (quiet, loud))
     for name, column in one.items():
         assert np.allclose(three[name], 3 * column)
+
+
+@pytest.mark.parametrize("times", [1.0, 0.8, 1.6])
+def test_a_loud_tone_begins_and_ends_with_the_record(record, times):
+    """Wherever it lies, what the mode holds at the ends grows with it, along its axis."""
+    swing, _, _ = swinging(record, 0.0)
+    noise = np.full((2, 2, record.frequency.size), 1e-9)
+
+    def sizes(tone):
+        amplitude = {"opened": np.array([0.0, tone])}
+        rung = replace(record, tones=(Tone(times * swing / (2 * np.pi), amplitude, 1e4),))
+        columns = ringing(rung, nominal_loop(rung), OUTPUTS, noise, rung.experiment).values()
+        return np.array([np.linalg.norm(c[0], axis=-1) for c in columns]).max(axis=0)
+
+    quiet, loud, louder = (sizes(tone) for tone in (0.0, 1e-5, 2e-5))
+    assert loud[1] > 5 * quiet[1] and louder[1] == pytest.approx(2 * loud[1], rel=0.05)
+    assert loud[0] == pytest.approx(quiet[0])
 
 
 def test_ringing_neither_counts_as_noise_nor_hides_a_tone(record):

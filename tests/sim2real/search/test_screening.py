@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim2real.search.fitting import begin, differentiate
-from sim2real.search.hypotheses import RESONANCES, Hypothesis, starts
+from sim2real.search.hypotheses import RESONANCES, Hypothesis, starts, starts_elsewhere
 from sim2real.search.screening import RESONANT, Start, extended, kept, screened
 
 TOLERANCE = {"mass": 0.01, "probe_gain": 0.02}
@@ -108,3 +108,25 @@ def test_of_what_may_sit_elsewhere_the_best_start_at_each_place_is_kept_and_the_
     iron = [Start(plain, np.array([u]), cost) for u, cost in ((0.0, 3.0), (0.5, 6.0))]
     found = kept([elsewhere("current", 1.0), elsewhere("current", 2.0), iron[0], elsewhere("command", 5.0), iron[1]])
     assert [s.cost for s in found] == [1.0, 3.0, 5.0]
+
+
+def test_iron_under_ripple_begins_as_the_lag_that_it_is_then():
+    """Without ripple it does something else. The strength follows the data, the ripple of each start stays."""
+    rng = np.random.default_rng(5)
+    plain, lag = rng.standard_normal((2, ROWS)) + 1j * rng.standard_normal((2, ROWS))
+    toy = Toy(5, (0.0, 0.0, 0.0))
+    toy.data = 12.0 * lag + rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS)
+
+    def simulate(points, settled=True):
+        own = [{"strength": 0.0, "ripple": 0.0, **p.effects.get("hysteresis", {})} for p in points]
+        return np.array([20.0 * f["strength"] * (lag if f["ripple"] else plain) for f in own])
+
+    toy.simulate = simulate
+    seed = seeded(toy, Hypothesis((), {}))
+    jobs = [(seed, h, u) for h, u in starts_elsewhere(seed.hypothesis, "hysteresis", 1.0)]
+    jobs += [(seed, h, u) for h in [Hypothesis(("hysteresis",), {})] for u in starts("hysteresis")]
+    assert {h.point(u).effects["hysteresis"].get("ripple", 0.0) > 0 for _, h, u in jobs} == {True, False}
+    chosen = kept(screened(toy, jobs))
+    assert sorted(s.hypothesis.shaped for s in chosen) == [(), ("hysteresis",)]
+    rippled = chosen[0].hypothesis.point(chosen[0].u).effects["hysteresis"]
+    assert rippled["strength"] == pytest.approx(0.6, abs=0.05) and rippled["ripple"] > 10
