@@ -65,19 +65,25 @@ class Pooled:
     second_body: SecondBody | None = None
 
 
-def pooled(records: Sequence[Record | OpenRecord], progress: Callable[[str], None] = lambda text: None) -> Pooled:
+def pooled(
+    records: Sequence[Record | OpenRecord],
+    progress: Callable[[str], None] = lambda text: None,
+    resting: Sequence[Record | OpenRecord] | None = None,
+) -> Pooled:
     """Fit one rig to all records in closed loop.
 
     Args:
         records: Of one campaign.
         progress: Called with each step.
+        resting: Those whose means at rest count; None: the same. A record may tell these although its motion is not
+            simulated.
 
     Raises:
         ValueError: The rotor touches down in the simulation with the nominal parameters.
     """
     rig = records[0].nominal
     progress("all recordings")
-    static = static_of(rig, [r.rests for r in records])
+    static = static_of(rig, [r.rests for r in (records if resting is None else resting)])
     problem, fit, others = fitted(records, rest=False)
     if (late := lateness(problem, fit)) is not None:
         records = without_current(records)

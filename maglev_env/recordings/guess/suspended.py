@@ -26,6 +26,7 @@ _POSITIONS = ("displacement", "reference", "gap_estimate")
 TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
 DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
 BUT_STATED = "scale < 0, if it is a distance that grows away from the magnet, as it seems"
+KNOWN_ZERO = "offset_tolerance, how surely its zero is known: then means at rest and the weight tell the magnet's force"
 CENTRE = "offset, so that displacement is 0 at the centre between the stops"
 _APART = 2.0  # ranges of a motion by which its mean is away from 0
 AT_THE_GAP = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
@@ -109,10 +110,10 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
 
     def told(column: ColumnGuess) -> ColumnGuess:
         if TOTAL in column.ask:
-            return _answered(replace(column, total=True), TOTAL, "it includes the current that carries the weight")
-        if AT_THE_GAP in column.ask and near and not column.offset:
-            return _answered(replace(column, offset=rig.gap), AT_THE_GAP, "0 is at the gap of the rig")
-        return column
+            column = _answered(replace(column, total=True), TOTAL, "it includes the current that carries the weight")
+        elif AT_THE_GAP in column.ask and near and not column.offset:
+            column = _answered(replace(column, offset=rig.gap), AT_THE_GAP, "0 is at the gap of the rig")
+        return _asking(column, KNOWN_ZERO) if column.channel in ("displacement", "current") else column
 
     return replace(guess, columns=tuple(told(c) for c in guess.columns))
 

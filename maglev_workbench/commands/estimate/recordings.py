@@ -147,10 +147,11 @@ def _alone(why: Mapping[str, str]) -> tuple[str, ...]:
 
 def _pooled(campaign: Campaign) -> tuple[Campaign, Pooled]:
     """The campaign of what was used, and the rig in all recordings to fit; holdouts are for the diagnosis."""
-    told, records = standing(*read_records(campaign))
+    read, every = read_records(campaign)
+    told, records = standing(read, every)
     held_out = tuple(r.name for r in records if r.role == "holdout")
     fitted = [r for r in records if r.role == "fit"]
-    found = pooled(fitted)
+    found = pooled(fitted, resting=[r for r in every if r.role == "fit"])
     return told, replace(found, held_out=held_out, notes=(*found.notes, *_notes(fitted)))
 
 
