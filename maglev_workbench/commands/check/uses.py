@@ -166,8 +166,14 @@ def _tune(alone: Campaign) -> tuple[Verdict, str]:
 _STATEMENT = 3  # words of the shortest statement
 
 
-def check_answer(found: Sequence[tuple[str, Sequence[Use]]], alarmed: int) -> str:
-    """One sentence on what the recordings (file, uses) are usable for; alarmed: how many have alarms."""
+def check_answer(found: Sequence[tuple[str, Sequence[Use]]], alarmed: int, blocking: Sequence[str] = ()) -> str:
+    """One sentence on what the recordings are usable for, and one on what must be mended before.
+
+    Args:
+        found: File and uses of each.
+        alarmed: How many have alarms.
+        blocking: Files whose contradiction makes the commands refuse all of the campaign.
+    """
     total = len(found)
     able: dict[Verdict, list[str]] = {"yes": [], "with care": []}
     refused: dict[str, list[str]] = {}  # the reason in short -> the commands
@@ -184,7 +190,10 @@ def check_answer(found: Sequence[tuple[str, Sequence[Use]]], alarmed: int) -> st
     good += [f"with care for {_and(able['with care'])}"] if able["with care"] else []
     bad = "for " + ", ".join(f"{_and(commands)} ({why})" for why, commands in refused.items()) if refused else ""
     head = f"Usable {', '.join(good)}{'; not ' * bool(bad)}{bad}" if good else f"Not usable {bad}"
-    return head + (f"; {alarmed} of {total} recording(s) with an alarm." if alarmed else ".")
+    head += f"; {alarmed} of {total} recording(s) with an alarm." if alarmed else "."
+    if good and blocking:
+        head += f" First mend or take out {', '.join(blocking)}: a contradicted recording makes every command refuse."
+    return head
 
 
 def _in_short(reason: str) -> str:

@@ -66,6 +66,10 @@ def test_the_sentence_of_several_recordings():
     assert check_answer([("a", (yes, care, yes, no))], 0) == (
         "Usable for estimate and diagnose, with care for margins; not for tune (because)."
     )
+    assert check_answer([("a", (yes,) * 4), ("b", (no,) * 4)], 0, ["b"]).endswith(
+        "(1 of 2). First mend or take out b: a contradicted recording makes every command refuse."
+    )
+    assert "take out" not in check_answer([("b", (no,) * 4)], 0, ["b"])  # nothing is usable beside it
     assert check_answer([("a", (yes,) * 4), ("b", (no,) * 4)], 1) == (
         "Usable for estimate (1 of 2), margins (1 of 2), diagnose (1 of 2) and tune (1 of 2); 1 of 2 recording(s) with "
         "an alarm."
