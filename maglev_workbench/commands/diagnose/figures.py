@@ -80,7 +80,10 @@ def loop_diagram(diagnosis: Diagnosis, effects: Sequence[str]) -> str:
 
 def _shaken(campaign: Campaign) -> bool:
     """Whether a force acts on the rotor from outside, as the recordings state or show."""
-    return any("force" in r.channels or any(e.at == "force" for e in r.excitations) for r in campaign.recordings)
+    return any(
+        "force" in r.channels or any(e.kind != "none" and e.at == "force" for e in r.excitations)
+        for r in campaign.recordings
+    )
 
 
 def _darkness(name: str, shares: Mapping[str, float]) -> float:

@@ -25,6 +25,7 @@ from sim2real.report import corrections
 from sim2real.search import attribute
 
 DELAY = effect("delay", 7.5e-5)
+NONE = Excitation("none", "force", 1.0, (), 1.0)
 INJECTED = ((65, 93, 121, 155, 197, 255, 331, 427), (73, 101, 133, 173, 219, 283, 367, 475))
 
 
@@ -133,6 +134,9 @@ def test_the_loop_is_drawn_with_what_the_channels_isolate(diagnosed):
     held = [replace(r, channels={}, excitations=()) for r in found.campaign.recordings]
     svg = loop_diagram(replace(found, campaign=replace(found.campaign, recordings=tuple(held))), ("unbalance",))
     assert "shaker" not in svg and ">unbalance<" in svg  # nobody shakes it
+    none = [replace(r, channels={}, excitations=(NONE,)) for r in found.campaign.recordings]
+    svg = loop_diagram(replace(found, campaign=replace(found.campaign, recordings=tuple(none))), ())
+    assert "shaker" not in svg  # what is not known is no force
 
 
 @pytest.mark.slow
