@@ -32,10 +32,15 @@ def warned(campaign: Campaign, allowed: Collection[str] = (), refuse: bool = Tru
         ValueError: A recording contradicts physics or its own description; the message says how.
     """
     found = examine(campaign)
-    if refuse and (worst := [f for f in refusals(found) if f.code not in allowed]):
+    if refuse and (worst := refusing(found, allowed)):
         more = f" ({len(worst) - 1} more: `maglev check` shows all)" if len(worst) > 1 else ""
         raise ValueError(f"{campaign.folder / worst[0].recording}: {worst[0].message}{more}")
     return shown(found)
+
+
+def refusing(found: Iterable[Finding], allowed: Collection[str] = LEAVING_OUT) -> list[Finding]:
+    """The findings because of which a command that judges the allowed codes itself refuses all of the campaign."""
+    return [f for f in refusals(found) if f.code not in allowed]
 
 
 def shown(found: Iterable[Finding]) -> list[dict[str, Any]]:

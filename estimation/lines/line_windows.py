@@ -73,6 +73,10 @@ class LineWindows:
         found = spectrum @ self.directions
         return found if self.turned is None else np.einsum("...wk,wkj->...wj", found, np.conj(self.turned))
 
+    def power(self, spectrum: np.ndarray) -> np.ndarray:
+        """Power (..., count) of spectra (..., count, WIDTH), without transient and drift."""
+        return np.sum(abs(self.project(spectrum)) ** 2, axis=-1)
+
     def lines(self, coordinates: np.ndarray) -> np.ndarray:
         """Spectra (..., count, WIDTH) that have these coordinates (..., count, KEPT), and no transient."""
         if self.turned is not None:

@@ -195,7 +195,7 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
             others = _views(campaign, exchanged, signals)
         except ValueError:
             continue
-        if _agrees(others, before):
+        if _agree(_uncontradicted(others), before):
             text = (
                 f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: "
                 "the other way round every comparison agrees; correct [recording.channels]"
@@ -217,8 +217,8 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
     rig = campaign.rig
     if rig is None or signals.periodic or signals.sample_rate == rig.control_rate:
         return []
-    views = _views(campaign, spec, replace(signals, sample_rate=rig.control_rate))
-    if not _agrees(views) and not _timed(views):
+    rows = _uncontradicted(_views(campaign, spec, replace(signals, sample_rate=rig.control_rate)))
+    if not _agree(rows) and not _timed(rows):
         return []
     text = (
         f"time: the channels agree at the control rate of {rig.control_rate:g} Hz; check sample_rate = "
@@ -227,15 +227,13 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
     return [Finding("rate", spec.file, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
 
 
-def _agrees(views: Iterable[View], codes: Collection[str] = ()) -> bool:
-    """Whether there are comparisons, these among them, and all agree, and no rule finds a contradiction."""
-    rows = _uncontradicted(views)
+def _agree(rows: Sequence[Row], codes: Collection[str] = ()) -> bool:
+    """Whether there are comparisons, these among them, and all agree."""
     return bool(rows) and {*codes} <= {row.code for row in rows} and not any(row.off for row in rows)
 
 
-def _timed(views: Iterable[View]) -> bool:
+def _timed(rows: Sequence[Row]) -> bool:
     """Whether a comparison that depends on the rate agrees, and what does not agree may be an effect."""
-    rows = _uncontradicted(views)
     return any(r.code.startswith(TIMED) and not r.off for r in rows) and all(or_effect(r) for r in rows if r.off)
 
 

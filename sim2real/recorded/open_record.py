@@ -153,7 +153,7 @@ class OpenRecord:
         """What its simulation runs under."""
         return Drive(self.experiment, self.waves, self.instants)
 
-    @property
+    @cached_property
     def drives(self) -> np.ndarray:
         """Spectra (inputs, windows, WIDTH) of what drives the record: of all that varies in the simulation's drive, or
         of what of it is free of noise.
@@ -165,14 +165,10 @@ class OpenRecord:
             return self.instrument
         found = {place: self.spectrum(waves[:, :: self.every]) for place, waves in self.waves.items()}
         if self.source is not None:
-            own, whole = (self._power(lines) for lines in (found["current"], self.spectrum(self.command)))
+            own, whole = map(self.windows.power, (found["current"], self.spectrum(self.command)))
             found["current"] = np.where((own > UNSURE_OF_GAINS * whole)[..., None], found["current"], 0.0)
         moving = [lines for place, waves in self.waves.items() for lines in found[place][np.ptp(waves, axis=1) > 0]]
         return np.stack(moving) if moving else next(iter(found.values()))[:1]
-
-    def _power(self, lines: np.ndarray) -> np.ndarray:
-        """Power (..., windows) of spectra (..., windows, WIDTH) without transient and drift."""
-        return np.sum(abs(self.windows.project(lines)) ** 2, axis=-1)
 
     def spectrum(self, series: np.ndarray) -> np.ndarray:
         """Lines (..., windows, WIDTH) of series (..., samples) over the part that is compared."""
@@ -242,7 +238,7 @@ def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.nd
     share = (told.explained / np.maximum(told.rank, 1) / np.maximum(told.variance, 1e-300) - 1).max(axis=0)
     smooth = np.convolve(share, np.ones(POOLED) / POOLED, "same")
     chance = FOUR_SIGMA / np.sqrt(POOLED * np.maximum(told.rank, 1))  # what noise alone explains by chance
-    power = (abs(whole.project(drives)) ** 2).sum(axis=-1)  # a jump between the ends is no drive
+    power = whole.power(drives)  # a jump between the ends is no drive
     drives_it = (power > DUST * power.max(axis=-1, keepdims=True)).any(axis=0)
     telling = np.flatnonzero(drives_it & (smooth > np.maximum(TELLING, chance)))
     last = max(int(telling[-1]) if telling.size else count - 1, POOLED - 1)

@@ -10,8 +10,9 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.search.fitting import Fit, begin, iterate
+from sim2real.search.singles import ITERATIONS
 
-DELAY, STEPS = "delay", 20
+DELAY = "delay"
 
 
 def across_ticks(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
@@ -29,6 +30,6 @@ def across_ticks(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
         other[0] = time.at((2 * tick - ticks) / rate)
         (new,) = begin([f.hypothesis], [f.hypothesis.bounded(other)], problem.data, problem.simulate)
         if np.isfinite(new.cost):
-            iterate([new], problem.data, problem.simulate, STEPS)
+            iterate([new], problem.data, problem.simulate, ITERATIONS)
             found[i] = min(f, new, key=lambda fit: fit.cost)
     return found

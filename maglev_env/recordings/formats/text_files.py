@@ -5,6 +5,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -33,7 +34,7 @@ DAY = 86400.0  # s
 _SHOWN = 40  # characters of a line
 _BLOCK = 65536
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # the exponent of a double in Fortran's files
-Plain = Callable[[TextIO], Iterator[tuple[int, str]]]  # the numbered lines of a file as those of a table
+Rewritten = Callable[[Iterator[tuple[int, str]]], Iterator[tuple[int, str]]]  # numbered lines as those of a table
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -68,22 +69,22 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
         Refused: The lines are no table of numbers, or can be read in two ways.
     """
     encoding, notes = _encoding(path)
-    head, tail = _ends(path, encoding, numbered_lines)
-    plain: Plain = numbered_lines
+    head, tail = _ends(path, encoding)
+    rewritten: Rewritten | None = None
     if labels := labels_of(tail):
-        plain = lambda file: without_labels(numbered_lines(file), labels)  # noqa: E731
+        rewritten = partial(without_labels, labels=labels)
         notes.append("every number of a line has its name beside it: the names are taken as those of columns")
     elif is_matrix(tail):
-        plain = lambda file: without_brackets(numbered_lines(file))  # noqa: E731
+        rewritten = without_brackets
         notes.append("the numbers are a matrix of MATLAB: its brackets and the ends of its rows are left out")
-    if plain is not numbered_lines:
-        head, tail = _ends(path, encoding, plain)
+    if rewritten is not None:
+        head, tail = _ends(path, encoding, rewritten)
     layout = find_layout([line.rstrip("\n") for line in head], [line.rstrip("\n") for line in tail], stated)
     positions = {f"[{j}]": j for j in range(len(layout.names))}
     once = {name: j for j, name in enumerate(layout.names) if name and layout.names.count(name) == 1}
     names = tuple(n if n in once else f"[{j}]" for j, n in enumerate(layout.names))
     with path.open(encoding=encoding) as file:
-        table, problems, end = _table(plain(file), layout)
+        table, problems, end = _table(_lines(file, rewritten), layout)
 
     def read(root: str, steps: Steps) -> Any:
         j = once[root] if root in once else positions[root]
@@ -97,10 +98,15 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
     return TextFile(names, read, tuple(positions), (*notes, *layout.notes, *end), headers, layout.preamble.numbers)
 
 
-def _ends(path: Path, encoding: str, plain: Plain) -> tuple[list[str], list[str]]:
+def _lines(file: TextIO, rewritten: Rewritten | None) -> Iterator[tuple[int, str]]:
+    lines = numbered_lines(file)
+    return lines if rewritten is None else rewritten(lines)
+
+
+def _ends(path: Path, encoding: str, rewritten: Rewritten | None = None) -> tuple[list[str], list[str]]:
     """The first and the last lines of a file."""
     with path.open(encoding=encoding) as file:
-        lines = plain(file)
+        lines = _lines(file, rewritten)
         head = [line for _, line in islice(lines, MAX_PREAMBLE)]
         return head, [line for _, line in deque(lines, _TAIL)] or head[-_TAIL:]
 

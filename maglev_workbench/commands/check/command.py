@@ -50,7 +50,7 @@ def check(
     from maglev_workbench.commands.check.uses import check_answer, uses
     from maglev_workbench.console import console, marked, write_json
     from maglev_workbench.page import write_page
-    from maglev_workbench.warned import LEAVING_OUT, shown
+    from maglev_workbench.warned import refusing, shown
 
     said: list[object] = []
     notes: list[tuple[str, str]] = []
@@ -86,8 +86,8 @@ def check(
             warnings += [problem_data(name, problem) for problem in quality.problems]
         notes += [(spec.file, note) for note in signals.assumed]
         datasets.append((spec.file, dataset))
-    worst = [f.recording.partition(", ")[0] for f in refusals(findings) if f.code not in LEAVING_OUT]
-    answer = check_answer(used, alarmed, list(dict.fromkeys(worst)))
+    blocking = dict.fromkeys(f.recording.partition(", ")[0] for f in refusing(findings))
+    answer = check_answer(used, alarmed, list(blocking))
     console.print(answer, style="bold")
     shown(findings)
     console.print(uses_table(used))
