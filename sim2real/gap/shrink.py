@@ -10,7 +10,7 @@ from sim2real.compared.simulated import Point
 from sim2real.gap.fit_figures import Figures, figures
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.candidates import Attribution, Candidate
-from sim2real.search.fitting import Fit
+from sim2real.search.fitting import Fit, begin, differentiate, inverse, real_product
 
 RESAMPLES = 400
 SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed
@@ -138,6 +138,27 @@ def lost(calibrated: np.ndarray, after: np.ndarray) -> float:
     more = abs(after) ** 2 - abs(calibrated) ** 2
     blocks = np.add.reduceat(more, np.arange(0, more.size, BLOCK))
     return float(more.sum()) if more.sum() > LOST_SD * blocks.std() * np.sqrt(blocks.size) else 0.0
+
+
+def left_on(judged: Problem, fit: Fit) -> float:
+    """Least cost of recordings where the parameters of a fit may move as far as the fitted recordings leave open.
+
+    To first order; what the fitted recordings lose by it counts.
+
+    Args:
+        judged: The recordings.
+        fit: A fit of other recordings.
+
+    Returns:
+        Cost, about 2 for each complex value where noise alone is left; inf where the rotor touches down.
+    """
+    (there,) = begin([fit.hypothesis], [fit.u], judged.data, judged.simulate)
+    if fit.jacobian is None or not np.isfinite(there.residual).all():
+        return np.inf
+    differentiate([there], judged.data, judged.simulate, calibrations=True)
+    pulled = real_product(there.jacobian, there.residual)
+    both = real_product(there.jacobian, there.jacobian) + fit.normal
+    return float(np.vdot(there.residual, there.residual).real - pulled @ inverse(both) @ pulled)
 
 
 def _another(attribution: Attribution, chosen: Candidate, seed: int) -> Fit | None:

@@ -7,10 +7,11 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
-from sim2real.gap.shrink import closed, gap_of, lost
+from sim2real.gap.shrink import closed, gap_of, left_on, lost
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import NO_GAP, Attribution
+from sim2real.search.fitting import Fit
 from sim2real.search.hypotheses import UNKNOWN, WIDER
 
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout
@@ -24,8 +25,8 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     """Those with which the holdout is simulated better than on the nominal rig, better than after calibration alone
     where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. What leaves
     most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. A holdout
-    that shows no gap with what these show beyond doubt says nothing of it, as of a limit that it does not reach. Tones
-    are kept: they leave the compared lines alone.
+    of which no more than noise is left with what these show beyond doubt, wherever they let its parameters be, says
+    nothing of it, as of a limit that it does not reach. Tones are kept: they leave the compared lines alone.
 
     Args:
         judged: The holdout.
@@ -43,17 +44,18 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     least = nominal if alone is None or alone <= CLEAR_GAP else min(nominal, alone)
     as_stated = _as_stated(attribution)
 
-    def bears_out(left: np.ndarray, saved: float) -> bool:
+    def bears_out(fit: Fit, left: np.ndarray) -> bool:
         gap = gap_of(left)
         if gap is None or (as_stated and lost(calibrated, left) > NO_GAP):
             return False
-        if gap >= least and not (gap <= 1.0 and saved > CERTAIN):
+        beyond_doubt = attribution.calibration.fit.cost - fit.cost > CERTAIN
+        if gap >= least and not (beyond_doubt and left_on(judged, fit) < _most_of_noise(left.size)):
             return False
         share, interval = closed(before, left, 0)
         return share is None or interval is None or share > MOST or interval[0] > 0
 
-    left, cost = iter(after), attribution.calibration.fit.cost
-    return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(next(left), cost - f.cost)]
+    left = iter(after)
+    return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(f, next(left))]
 
 
 def shows_nothing(judged: Problem, attribution: Attribution, saved: float) -> bool:
@@ -74,8 +76,12 @@ def shows_nothing(judged: Problem, attribution: Attribution, saved: float) -> bo
     if not np.isfinite(fit.cost) or not _as_stated(attribution) or fit.cost > PLAINLY * attribution.expected:
         return False
     left = judged.data - judged.simulate([fit.hypothesis.point(fit.u)])[0]
-    likely = 2.0 * left.size + SIGNIFICANT * NOISE_INFLATION * np.sqrt(4.0 * left.size)
-    return bool(np.sum(np.abs(left) ** 2) < likely)
+    return bool(np.sum(np.abs(left) ** 2) < _most_of_noise(left.size))
+
+
+def _most_of_noise(count: int) -> float:
+    """Cost of that many complex residuals beyond which there is more than noise, which is known as well as it is."""
+    return 2.0 * count + SIGNIFICANT * NOISE_INFLATION * np.sqrt(4.0 * count)
 
 
 def _as_stated(attribution: Attribution) -> bool:

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.gap.shrink import gap_of
+from sim2real.gap.shrink import gap_of, left_on
 from sim2real.judgement.borne_out import CLEAR_GAP, PLAINLY
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import ABOUT, NO_GAP, Attribution, Candidate
-from sim2real.search.fitting import Fit, begin, differentiate, inverse, real_product
 
 OTHER_FORM = 0.25  # share of a gap that another form of an effect may leave: a tenth in the mean at most (their cards)
 
@@ -115,24 +114,3 @@ def spoken_against(judged: Problem, attribution: Attribution, named: Sequence[En
 
 def _of_both(judged: Problem, candidate: Candidate) -> float:
     return candidate.predictive + left_on(judged, candidate.fit)
-
-
-def left_on(judged: Problem, fit: Fit) -> float:
-    """Least cost of recordings where the parameters of a fit may move as far as the fitted recordings leave open.
-
-    To first order; what the fitted recordings lose by it counts.
-
-    Args:
-        judged: The recordings.
-        fit: A fit of other recordings.
-
-    Returns:
-        Cost, about 2 for each complex value where noise alone is left; inf where the rotor touches down.
-    """
-    (there,) = begin([fit.hypothesis], [fit.u], judged.data, judged.simulate)
-    if fit.jacobian is None or not np.isfinite(there.residual).all():
-        return np.inf
-    differentiate([there], judged.data, judged.simulate, calibrations=True)
-    pulled = real_product(there.jacobian, there.residual)
-    both = real_product(there.jacobian, there.jacobian) + fit.normal
-    return float(np.vdot(there.residual, there.residual).real - pulled @ inverse(both) @ pulled)

@@ -89,6 +89,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", type=int, default=[])
     parser.add_argument("--again", action="store_true", help="forget earlier answers")
     options = parser.parse_args()
+    options.out = options.out.resolve()  # the command runs in the tree, not here
     options.out.mkdir(parents=True, exist_ok=True)
     generate.SHARES, generate.SIZES, generate.RECIPES = {"none": 0.2}, (LEAST, 100.0), RECIPES
     generate.draw_drive = drawn

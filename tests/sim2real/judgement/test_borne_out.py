@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim2real.judgement import borne_out as borne_out_module
 from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.judge import Entry
 from sim2real.search.fitting import Fit
@@ -47,13 +48,22 @@ def test_those_are_kept_that_the_holdout_bears_out(gaps, kept):
 
 
 @pytest.mark.parametrize(
-    ("gaps", "saved", "kept"),
-    [((0.4, 0.4, 0.45), 1e4, True), ((0.4, 0.4, 0.45), 20.0, False), ((0.95, 0.95, 1.05), 1e4, False)],
+    ("gaps", "saved", "moved", "kept"),
+    [
+        ((0.4, 0.4, 0.45), 1e4, 0.4, True),
+        ((0.4, 0.4, 0.45), 20.0, 0.4, False),
+        ((0.95, 0.95, 1.05), 1e4, 1.0, False),  # calibration leaves less
+        ((0.95, 1.1, 1.05), 1e4, 1.0, True),  # more than the nominal rig does, and no more than noise
+        ((0.95, 1.1, 1.05), 20.0, 1.0, False),
+        ((0.95, 1.5, 1.4), 1e4, 1.0, True),  # its parameters may be elsewhere
+        ((0.95, 1.5, 1.4), 1e4, 1.4, False),
+    ],
 )
-def test_a_holdout_without_a_gap_says_nothing_of_what_is_beyond_doubt(gaps, saved, kept):
+def test_a_holdout_without_a_gap_says_nothing_of_what_is_beyond_doubt(monkeypatch, gaps, saved, moved, kept):
     """The voltage limits a large drive, and not that of the holdout."""
     holdout, attribution = judged(*gaps)
     attribution.calibration.fit.cost = 1.0 + saved
+    monkeypatch.setattr(borne_out_module, "left_on", lambda problem, fit: 2 * 50 * moved**2)
     assert borne_out(holdout, attribution, ENTRIES[:1]) == (ENTRIES[:1] if kept else [])
 
 

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim2real.gap.shrink import left_on
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.on_holdout import (
     calibration_fails,
     leaves_clear_gap,
     leaves_too_much,
-    left_on,
     shown_by_both,
     spoken_against,
 )
