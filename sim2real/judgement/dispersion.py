@@ -14,7 +14,9 @@ import numpy as np
 from scipy import stats
 
 from estimation.lines.line_windows import KEPT, POOLED
+from maglev_env.loop.effect import effect_value
 from sim2real.compared.problem import Part, Problem
+from sim2real.judgement.lost_commands import LOST, louder_along, scatters
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.fitting import Fit
 
@@ -85,19 +87,20 @@ NOISE_ALONE = Dispersion(ChiSquare(0.0, 0.0), ChiSquare(0.0, 0.0))
 
 def dispersion_of(problem: Problem, fit: Fit) -> Dispersion:
     """The dispersion about a fit that has its Jacobian."""
-    parts = [_left(part, fit.residual[part.place]) for part in problem.parts]
+    lost = effect_value(fit.hypothesis.point(fit.u).effects, LOST)
+    parts = [_left(part, fit.residual[part.place], lost) for part in problem.parts]
     freedom = sum(p.freedom for p in parts)
     scatter = sum(p.freedom * p.inflation**2 for p in parts) / max(freedom, 1.0)
     whole = ChiSquare(sum(p.value for p in parts), freedom, float(np.sqrt(scatter)))
     return Dispersion(whole, _among_recordings(problem, fit))
 
 
-def _left(part: Part, residual: np.ndarray) -> ChiSquare:
+def _left(part: Part, residual: np.ndarray, lost: float = 0.0) -> ChiSquare:
     """What goes with the excitation: of a record without a period its directions in every window, because the noise is
     told from the others (along an instrument, that is all); else all lines, whose noise is told by the periods.
 
     The fewer directions tell the noise, the larger the ratio of both powers is on average, and the more it scatters: it
-    is F-distributed.
+    is F-distributed. Lost commands (with a probability `lost`) scatter more along the excitation than elsewhere.
     """
     record = part.record
     if not isinstance(record, OpenRecord) or record.instrument is not None:
@@ -106,7 +109,9 @@ def _left(part: Part, residual: np.ndarray) -> ChiSquare:
     whole[..., part.used] = residual.reshape(*part.measured.shape[:2], -1)
     windows = part.used.reshape(-1, KEPT).all(axis=1)
     inside, rank = record.windows.along(whole.reshape(*whole.shape[:2], -1, KEPT), record.drives)
-    power, rank = np.sum(abs(inside[..., windows, :]) ** 2, axis=(0, 1, 3)), rank[windows]
+    power, rank = np.sum(abs(inside[..., windows, :]) ** 2, axis=(0, 3)), rank[windows]
+    if lost > 0 and scatters(record):
+        power = power / louder_along(part, record, lost)[:, windows]
     telling = np.maximum(KEPT - rank, 1.0)
     mean = POOLED * telling / (POOLED * telling - 1)
     more = np.sum(rank * (1 + rank / telling)) / max(rank.sum(), 1)

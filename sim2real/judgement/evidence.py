@@ -12,8 +12,9 @@ from sim2real.compared.drift import Drift
 from sim2real.compared.problem import KINDS, Problem
 from sim2real.compared.reached import motion_reached
 from sim2real.compared.simulated import Point
+from sim2real.judgement.commands_seen import SEEN
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
-from sim2real.judgement.lost_commands import scatter_cost
+from sim2real.judgement.lost_commands import LOST, scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
 from sim2real.judgement.stated_stiffness import stiffness_cost
@@ -87,7 +88,7 @@ def evidence_of(
     residuals = [fit.residual for fit in fits]
     if not np.isfinite(attribution.calibration.fit.cost):
         residuals[0] = p.opened_residual()  # no rotor levitates without an effect
-    at = _plainest(candidates, cost)
+    at = _plainest(candidates, cost, tones.get(SEEN, 0.0))
     best = fits[at]
     octave = np.floor(np.log2(np.maximum(p.frequency, 1e-9))).astype(int)
     rows = np.stack([p.output, p.kind, octave], axis=1)
@@ -111,12 +112,14 @@ def evidence_of(
     )
 
 
-def _plainest(candidates: Sequence[Candidate], cost: np.ndarray) -> int:
-    """The candidate of fewest effects among those as good as the best.
+def _plainest(candidates: Sequence[Candidate], cost: np.ndarray, seen: float = 0.0) -> int:
+    """The candidate of fewest effects among those as good as the best; seen: what commands weigh that were seen to be
+    lost, which only one effect explains.
 
     Parameters of an effect that is not there are told by noise alone, by every recording otherwise: recordings that
     agree would seem not to.
     """
+    cost = cost + np.array([0.0 if LOST in c.effects else seen for c in candidates])
     near = np.flatnonzero(cost < cost.min() + NO_GAP) if np.isfinite(cost).any() else [0]
     return int(min(near, key=lambda i: (len(candidates[i].effects), cost[i])))
 

@@ -15,6 +15,7 @@ from sim2real.compared.simulated import Point
 from sim2real.recorded.open_record import OpenRecord
 
 LOST = "dropped_samples"
+DRAWS = 64  # of the scatter, whose mean powers tell where it is
 
 
 def scatter_cost(problem: Problem, point: Point) -> float:
@@ -26,10 +27,15 @@ def scatter_cost(problem: Problem, point: Point) -> float:
     cost = 0.0
     for part in problem.parts:
         record = part.record
-        if isinstance(record, OpenRecord) and LOST not in record.upstream and record.every == 1:
+        if isinstance(record, OpenRecord) and scatters(record):
             excess = np.maximum(scatter_ratio(part, record, lost)[:, part.used], 1.0)
             cost += 2.0 * float(np.sum(np.log(excess) + 1 / excess - 1))
     return cost
+
+
+def scatters(record: OpenRecord) -> bool:
+    """Whether what a record drives passes through the commands that may be lost, all of which were recorded."""
+    return LOST not in record.upstream and record.every == 1
 
 
 def scatter_ratio(part: Part, record: OpenRecord, lost: float) -> np.ndarray:
@@ -54,5 +60,30 @@ def scatter_variance(command: np.ndarray, lost: float) -> np.ndarray:
         command: What the controller asks for, A.
         lost: Probability of a loss, below 1.
     """
+    return lost * (1 - lost**2) * np.mean(_unlike_the_last(command, lost)[:, 1:] ** 2, axis=-1)
+
+
+def _unlike_the_last(command: np.ndarray, lost: float) -> np.ndarray:
+    """By how much each command differs from what the amplifier got before on average, (axes, samples)."""
     passed, _ = scipy.signal.lfilter([1 - lost], [1, -lost], command, axis=-1, zi=lost * command[:, :1])
-    return lost * (1 - lost**2) * np.mean((command[:, 1:] - passed[:, :-1]) ** 2, axis=-1)
+    return command - np.concatenate([command[:, :1], passed[:, :-1]], axis=-1)
+
+
+def louder_along(part: Part, record: OpenRecord, lost: float) -> np.ndarray:
+    """Power per direction of the excitation over that in all others, (axes, windows), that lost commands make.
+
+    The scatter is there while the command moves. Along a chirp, each window is the moment at which the chirp passed its
+    frequency, and the noise of that moment; the other directions hold that of the whole record.
+
+    Args:
+        part: The record's share of the problem.
+        record: Its record, whose control samples were all recorded.
+        lost: Probability of a loss, below 1.
+    """
+    w = record.windows
+    scatter = _unlike_the_last(record.command[:, record.first : record.first + w.samples], lost)
+    drawn = np.random.default_rng(0).standard_normal((DRAWS, *scatter.shape)) * scatter
+    noise = w.noise(w.spectrum(drawn), record.drives)
+    louder = noise.explained.mean(axis=0) / np.maximum(noise.rank, 1) / np.maximum(noise.variance.mean(axis=0), 1e-300)
+    share = scatter_ratio(part, record, lost).reshape(*louder.shape, -1).mean(axis=-1)
+    return 1 + np.minimum(share, 1.0) * (louder - 1)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.lines.line_windows import KEPT, WIDTH, LineWindows
+from sim2real.judgement import dispersion
 from sim2real.judgement.dispersion import NOISE_ALONE, ChiSquare, Dispersion, _left, dispersion_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.fitting import Fit
@@ -61,10 +62,12 @@ def test_noise_that_few_directions_tell_is_no_gap(monkeypatch, inputs):
     rng, count = np.random.default_rng(3), 40
     windows = LineWindows(4 * count * WIDTH, 1.0, 1, count)
     record = object.__new__(OpenRecord)
-    for key, value in (("instrument", None), ("windows", windows)):
+    for key, value in (("instrument", None), ("windows", windows), ("upstream", ()), ("every", 1)):
         object.__setattr__(record, key, value)
     drives = rng.standard_normal((inputs, count, WIDTH)) + 1j * rng.standard_normal((inputs, count, WIDTH))
     monkeypatch.setattr(OpenRecord, "drives", property(lambda self: drives))
+    # Lost commands may scatter twice as much along the excitation as elsewhere.
+    monkeypatch.setattr(dispersion, "louder_along", lambda part, record, lost: np.full((1, count), 2.0))
     found = []
     for _ in range(150):
         noise = rng.standard_normal((1, 1, count, WIDTH)) + 1j * rng.standard_normal((1, 1, count, WIDTH))
@@ -72,6 +75,7 @@ def test_noise_that_few_directions_tell_is_no_gap(monkeypatch, inputs):
         residual = (windows.project(noise) / sd * np.sqrt(2)).reshape(-1)
         part = SimpleNamespace(record=record, measured=np.zeros((1, 1, count * KEPT)), used=np.ones(count * KEPT, bool))
         found.append(_left(part, residual))
+        assert _left(part, residual, 0.4).value == pytest.approx(found[-1].value / 2)
     value, freedom = np.array([f.value for f in found]), found[0].freedom
     expected = np.sqrt(2 * freedom * (1 + 3 * inputs / (KEPT - 3 * inputs)))
     assert value.mean() == pytest.approx(freedom, abs=4 * expected / np.sqrt(150))
