@@ -135,9 +135,7 @@ def compared(view: View, gains: Controller | None) -> Compared | None:
     lines, best = view.lines, None
     for back, injection, referred in _made(view, gains):
         drive = injection if referred is None else injection + referred
-        # What is not driven at the command holds only rounding there.
-        moved = np.abs(drive).mean(axis=0) > NOTHING * np.abs(drive).max(initial=0.0)
-        driven = int(moved.sum()) >= LEAST_LINES
+        driven = int(moving(drive, lines.parts["command"]).sum()) >= LEAST_LINES
         inputs = [back, drive] if driven else [back]
         found = fit(lines.parts["command"], inputs, lines.frequency, view.rate, lines.periodic)
         if found is not None and (best is None or found.cost < best.fit.cost):
@@ -145,6 +143,13 @@ def compared(view: View, gains: Controller | None) -> Compared | None:
         if best is not None and not _bad(best.fit, view):
             break
     return best
+
+
+def moving(drive: np.ndarray, command: np.ndarray) -> np.ndarray:
+    """On which lines (n,) a drive of a command acts, spectra (s, n): elsewhere it holds only rounding, and so does all
+    of what was turned away from this axis."""
+    most = max(np.abs(drive).max(initial=0.0), np.abs(command).max(initial=0.0))
+    return np.abs(drive).mean(axis=0) > NOTHING * most
 
 
 def made_alone(view: View) -> bool:

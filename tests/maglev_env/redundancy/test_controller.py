@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maglev_env.redundancy.controller import Compared, cut_off
+from maglev_env.redundancy.controller import Compared, cut_off, moving
 
 STEP = 6.0 / 4096
 
@@ -30,3 +30,11 @@ def test_a_constant_set_point_is_not_compared_with_the_command(referred, refers)
     own = None if referred is None else np.full((2, 5), referred + 0j)
     no_fit: Any = None
     assert Compared(no_fit, drive, drive, True, own).refers == refers
+
+
+@pytest.mark.parametrize(("size", "moved"), [(1e-17, False), (1e-3, True)])
+def test_a_set_point_of_the_other_axis_moves_nothing_here(size, moved):
+    """Turned by 90 degrees, a sine of it leaves 6e-17 of its amplitude."""
+    rng = np.random.default_rng(3)
+    drive, command = size * rng.standard_normal((2, 50)), 0.01 * rng.standard_normal((2, 50))
+    assert moving(drive, command).all() == moved and moving(drive, command).any() == moved
