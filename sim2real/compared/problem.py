@@ -84,7 +84,8 @@ class Problem:
         bench: Noise that recordings without a period may have at most.
         errors: Name -> amount, in standard deviations, of errors of a measured drive about which the problem is
             linearised; 0 of the others.
-        crossed: Whether what two axes may do to each other is a nuisance: for an estimate. In a diagnosis it is a gap.
+        crossed: Whether what two axes may do to each other is a nuisance: for an estimate. In a diagnosis it is a gap,
+            and the form of the amplifier's lag is a nuisance.
     """
 
     parts: tuple[Part, ...]
@@ -254,7 +255,7 @@ def assemble(
         louder: Factor on the noise of records without a period.
         bench: Noise that these may have at most; what is beyond is no noise.
         errors: Name -> amount of errors of measured drives about which they are linearised; 0 by default.
-        crossed: Whether what two axes may do to each other is a nuisance.
+        crossed: As of `Problem`.
     """
     errors = errors or {}
     parts, nuisances, at = [], [], 0
@@ -266,7 +267,8 @@ def assemble(
         used = informative(record) if lines is None else lines[i]
         evidence = evidence_of(record, near or Point({}, {}), errors, crossed)
         unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
-        unsure = {**evidence.nuisances, **form_nuisances(record.nominal, evidence.predictor, not unsure_of_all)}
+        forms = form_nuisances(record.nominal, evidence.predictor, not unsure_of_all, crossed)
+        unsure = {**evidence.nuisances, **forms}
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
         if isinstance(record, OpenRecord):
             noise = np.minimum(noise * louder, bench.most(record, opened.outputs))

@@ -6,6 +6,10 @@ off more or less steeply with the gap, and then the actuator gain varies otherwi
 magnets these differ by the square of the motion (7e-4 of the gain for 5 % of the gap and 3 % of stiffness, which long
 records tell). Below a single magnet they make harmonics that stand far above the noise. So what one form has and the
 other has not is a nuisance of one standard deviation of the tolerance.
+
+An amplifier's lag has no stated form either. Its time constant says by how much the current comes later; that it does
+so through a single pole is the model's. A current loop has two or three. Beside an effect that would leave more than
+noise between command and current, for which no name but an unknown cause is left.
 """
 
 from collections.abc import Mapping
@@ -17,20 +21,27 @@ from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.compared.simulated import Point, Predictor
 
-GAIN, STIFFNESS = "actuator_gain", "negative_stiffness"
+GAIN, STIFFNESS, LAG = "actuator_gain", "negative_stiffness", "amplifier_time_constant"
+SECOND_POLE = 0.2  # share of a stated lag that is a second pole: one standard deviation of its form
 
 
-def tolerance_forms(rig: Rig, law_is_sure: bool = True) -> Mapping[str, tuple[Point, Point]]:
-    """The rig with a parameter off by one standard deviation in either form, by the parameter's name.
+def tolerance_forms(rig: Rig, law_is_sure: bool = True, lag_is_sure: bool = True) -> Mapping[str, tuple[Point, Point]]:
+    """The rig in two forms that what it states does not tell apart, by the parameter's name.
+
+    A gain or a stiffness is off by one standard deviation in either form. The amplifier's lag is as long as stated.
 
     Args:
         rig: The nominal rig.
         law_is_sure: False: how the pull curves along the gap is a nuisance of its own, which has the forms of the
             stiffness.
+        lag_is_sure: False: the amplifier's lag may have another form than the stated one.
     """
     if not rig.controlled:
         return {}
     found = {}
+    if not lag_is_sure and rig.amplifier_time_constant and rig.tolerance.get(LAG) != 0.0:
+        second = {"time_constant": SECOND_POLE * rig.amplifier_time_constant}
+        found[LAG] = Point({}, {}), Point({"amplifier_lag": second}, {LAG: -SECOND_POLE})
     if sigma := rig.tolerance.get(GAIN, 0.0):
         found[GAIN] = Point({}, {GAIN: sigma}), Point({GAIN: {"change": sigma, "force_share": 1.0}}, {})
     law, sigma = force_law(axis_rig(rig, 0)), rig.tolerance.get(STIFFNESS, 0.0)
@@ -49,9 +60,9 @@ def tolerance_forms(rig: Rig, law_is_sure: bool = True) -> Mapping[str, tuple[Po
     return found
 
 
-def form_nuisances(rig: Rig, predictor: Predictor, law_is_sure: bool) -> Mapping[str, np.ndarray]:
+def form_nuisances(rig: Rig, predictor: Predictor, law_is_sure: bool, lag_is_sure: bool) -> Mapping[str, np.ndarray]:
     """What differs between both forms in a record's residuals (outputs, axes, n), by the nuisance's name."""
-    forms = tolerance_forms(rig, law_is_sure)
+    forms = tolerance_forms(rig, law_is_sure, lag_is_sure)
     if not forms:
         return {}
     predicted = predictor([point for pair in forms.values() for point in pair])

@@ -9,28 +9,51 @@ variance of a itself is p times the mean square of u(k) - E a(k-1), and adds to 
 import numpy as np
 import scipy.signal
 
+from estimation.lines.line_windows import KEPT
 from maglev_env.loop.effect import effect_value
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import Point
 from sim2real.recorded.open_record import OpenRecord
 
 LOST = "dropped_samples"
+RINGS = 2.0  # times the responses of the windows beside it that of a window in which a plant rings has
 DRAWS = 64  # of the scatter, whose mean powers tell where it is
 
 
-def scatter_cost(problem: Problem, point: Point) -> float:
-    """Cost of lost commands whose scatter the noise of the recordings is too small for: -2 ln of the likelihood of that
-    noise under the scatter alone, where this is larger."""
+def scatter_cost(problem: Problem, point: Point, residual: np.ndarray) -> float:
+    """-2 ln of the likelihood ratio of what lost commands leave of recordings without a period, under the scatter that
+    they must make where that exceeds the noise as it was told.
+
+    It is a cost where the noise was told from what is left, which then is too small. Where other recordings bound it,
+    what is left beyond it may be just this scatter.
+
+    Args:
+        problem: The recordings.
+        point: Where they were simulated.
+        residual: What that leaves (K,), whitened.
+    """
     lost = effect_value(point.effects, LOST)
-    if lost <= 0:
+    if lost <= 0 or not np.isfinite(residual).all():
         return 0.0
     cost = 0.0
     for part in problem.parts:
         record = part.record
         if isinstance(record, OpenRecord) and scatters(record):
-            excess = np.maximum(scatter_ratio(part, record, lost)[:, part.used], 1.0)
-            cost += 2.0 * float(np.sum(np.log(excess) + 1 / excess - 1))
+            ratio = np.where(_rings(part.opened.plant), 1.0, scatter_ratio(part, record, lost))[:, part.used]
+            excess = np.maximum(ratio, 1.0)
+            whole = residual[part.place].reshape(*part.measured.shape[:2], -1)
+            left = abs(whole[part.opened.outputs.index("plant")]) ** 2
+            cost += float(np.sum(2.0 * np.log(excess) + left * (1 / excess - 1)))
     return cost
+
+
+def _rings(plant: np.ndarray) -> np.ndarray:
+    """Whether the plant (axes, n) rings within a window, and not beside it: what is left there of its noise, beside
+    what rings on at both ends of a record, is not that of the middle of the window."""
+    size = abs(plant).reshape(len(plant), -1, KEPT).mean(axis=-1)
+    beside = np.pad(size, ((0, 0), (1, 1)), mode="edge")
+    peak = size > RINGS * np.sqrt(beside[:, :-2] * beside[:, 2:])
+    return np.repeat(peak, KEPT, axis=-1)
 
 
 def scatters(record: OpenRecord) -> bool:

@@ -9,6 +9,7 @@ from maglev_env.lane_values import shaped_law
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
+from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.plant import pull
 from sim2real.blind.benchmark.rigs import draw_rig
@@ -16,7 +17,7 @@ from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simu
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared import problem as problem_module
 from sim2real.compared.simulated import tolerances
-from sim2real.compared.tolerance_forms import tolerance_forms
+from sim2real.compared.tolerance_forms import LAG, tolerance_forms
 from sim2real.recorded.records import read_records
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
@@ -88,3 +89,36 @@ def test_calibration_takes_up_a_stiffness_of_another_form(kind, more, request, m
         iterate([fit], problem.data, problem.simulate, 8)
         left[known] = fit.cost / (2 * problem.data.size)
     assert left[True] < 1.3 and left[False] > more * left[True], left
+
+
+@pytest.mark.parametrize("stated", [None, 0.1, 0.0])
+def test_a_stated_lag_has_no_stated_form_and_the_same_time(stated):
+    rig = rig_from_toml(draw_rig("rotor", np.random.default_rng(4)).toml(), "rig.toml")
+    rig = rig if stated is None else replace(rig, tolerance={**rig.tolerance, LAG: stated})
+    forms = tolerance_forms(rig, lag_is_sure=False)
+    assert LAG not in tolerance_forms(rig) and (LAG in forms) == (stated != 0.0)
+    if LAG in forms:
+        plain, two = forms[LAG]
+        assert plain.effects == {} and plain.changes == {}
+        second = two.effects["amplifier_lag"]["time_constant"]
+        assert second + (1 + two.changes[LAG]) * getattr(rig, LAG) == pytest.approx(getattr(rig, LAG))
+
+
+def test_calibration_takes_up_a_lag_of_several_poles(tmp_path, monkeypatch):
+    """Half of the stated time in two further poles, by another hand's integrator; an estimate takes it as stated."""
+    rng = np.random.default_rng(5)
+    rig = draw_rig("rotor", rng)
+    controller = Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"])
+    recording = Recording("one", "fit", controller, draw_drive("multisine", rig, False, 0.03, rng))
+    half = 0.5 * rig.parameters[LAG]
+    made = simulate(Truth(rig, {}, {at.AMPLIFIER: -half, at.LAG: half}), recording, 5)
+    write_campaign(tmp_path / "c", rig, "no_force", [(recording, True, made)])
+    _, (record,) = read_records(tmp_path / "c")
+    left = {}
+    for for_estimate in (False, True):
+        problem = problem_module.assemble([record], rest=False, crossed=for_estimate)
+        h = Hypothesis((), tolerances(record.nominal), scales=record.nominal.scales)
+        (fit,) = begin([h], [np.zeros(h.size)], problem.data, problem.simulate)
+        iterate([fit], problem.data, problem.simulate, 8)
+        left[for_estimate] = fit.cost / (2 * problem.data.size)
+    assert left[False] < 1.3 and left[True] > 2 * left[False], left

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.lines.line_windows import KEPT, line_windows
-from sim2real.judgement.lost_commands import louder_along, scatter_ratio, scatter_variance
+from sim2real.compared.simulated import Point
+from sim2real.judgement.lost_commands import louder_along, scatter_cost, scatter_ratio, scatter_variance
+from sim2real.recorded.open_record import OpenRecord
 
 RATE, SAMPLES = 1000.0, 20_000
 
@@ -67,3 +69,36 @@ def test_along_a_chirp_the_scatter_is_that_of_its_moment():
     assert ratio[high].mean() == pytest.approx(found[high].mean(), rel=0.15)
     part.noise = np.full((1, 1, frequency.size), 1e9)  # of which the scatter is nothing
     assert louder_along(part, record, lost) == pytest.approx(np.ones((1, windows.count)))
+
+
+@pytest.mark.parametrize(
+    ("noise", "left", "sign"),
+    [
+        (1.0, 1.0, 1),  # the noise was told from what is left, and commands that are lost would leave more
+        (1.0, 9.0, -1),  # more is left than the noise that other recordings allow: as much as they make
+        (30.0, 1.0, 0),  # the noise is larger than what they make
+    ],
+)
+def test_what_lost_commands_leave_is_weighed_by_the_scatter_that_they_make(monkeypatch, noise, left, sign):
+    rng, lost = np.random.default_rng(7), 0.3
+    command = rng.standard_normal((1, 4000))
+    windows = line_windows(4000, RATE, (20.0, 400.0))
+    frequency = np.repeat(windows.centre, KEPT)
+    record = object.__new__(OpenRecord)
+    fields = {"windows": windows, "first": 0, "every": 1, "upstream": (), "source": None}
+    for key, value in fields.items():
+        object.__setattr__(record, key, value)
+    monkeypatch.setattr(OpenRecord, "command", command, raising=False)
+    monkeypatch.setattr(OpenRecord, "frequency", frequency, raising=False)
+    plant = np.ones((1, frequency.size))
+    opened = SimpleNamespace(plant=plant, outputs=("plant",))
+    part = SimpleNamespace(opened=opened, noise=plant[None], record=record, place=slice(None), measured=plant[None])
+    part.used = np.ones(frequency.size, bool)
+    part.noise = part.noise * noise * np.sqrt(scatter_ratio(part, record, lost).mean()) / 3
+    both = rng.standard_normal((2, frequency.size)) * np.sqrt(left)
+    problem, point = SimpleNamespace(parts=(part,)), Point({"dropped_samples": {"probability": lost}}, {})
+    cost = scatter_cost(problem, point, both[0] + 1j * both[1])
+    assert np.sign(cost) == sign and (sign == 0 or abs(cost) > 100)
+    assert scatter_cost(problem, Point({}, {}), both[0] + 1j * both[1]) == 0.0
+    plant[:, KEPT : 2 * KEPT] = 100.0  # it rings in one window, which tells nothing
+    assert scatter_cost(problem, point, both[0] + 1j * both[1]) == pytest.approx(cost, rel=0.25, abs=1e-9)
