@@ -20,6 +20,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.attribute import attribute
 from sim2real.search.candidates import NO_GAP, Attribution
+from sim2real.search.fitting import differentiate
 
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 MARGIN = 2.0  # times the cost that makes a candidate hopeless: what another noise and a refit may change of it
@@ -91,6 +92,8 @@ def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attributi
     """
     best = min(attribution.candidates, key=lambda c: c.predictive).fit
     near = best.hypothesis.point(best.u)
+    if best.jacobian is None:  # it was far behind before, and only simulated
+        differentiate([best], fitted.data, fitted.simulate, True)
     louder = float(widening(fitted, best).max(initial=1.0))
     own = {p.record.name: p.record for p in (*fitted.parts, *judged.parts)}
     own = dict(zip(own, toned([*own.values()], near), strict=True))
