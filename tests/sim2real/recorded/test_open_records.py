@@ -152,7 +152,8 @@ def test_a_delay_is_named_from_noise_steps_and_a_chirp(campaign, monkeypatch):
     kinds = {"noise": "fit", "steps": "fit", "chirp": "fit", "noise-2": "holdout"}
     found = diagnose(campaign(Bench(delay=45e-6), kinds, seconds=1.0))
     assert found.verdict == "explained" and found.cause == ("delay",)
-    assert found.corrected.effects["delay"]["time"] == pytest.approx(45e-6, abs=1e-6)
+    # To within 2 us (standard error), which the form of the stated amplifier's lag leaves open.
+    assert found.corrected.effects["delay"]["time"] == pytest.approx(45e-6, abs=5e-6)
     assert found.gap.closed_fraction > 0.95 and found.gap.judged_on == "holdout"
 
 
