@@ -133,7 +133,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     for i, c in enumerate(candidates):
         if len(c.effects) == 1 or not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
-            own = c.predictive + scatter_cost(p, at, c.fit.residual) + stiffness_cost(at, rig)
+            own = c.predictive + scatter_cost(p, c.fit) + stiffness_cost(at, rig)
             own += c.fit.hypothesis.beyond_stated(c.fit.u)
             own += 0.0 if drift is None else _drift_cost(p, c.fit, drift)
             if isinf(meaning := meaningless_cost(c.fit, rig, motion)) and len(c.effects) == 1:

@@ -9,31 +9,40 @@ variance of a itself is p times the mean square of u(k) - E a(k-1), and adds to 
 import numpy as np
 import scipy.signal
 
-from estimation.lines.line_windows import KEPT
-from maglev_env.loop.effect import effect_value
+from estimation.lines.line_windows import KEPT, POOLED
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.search.fitting import NOT_TOLD, Fit
 
 LOST = "dropped_samples"
 RINGS = 2.0  # times the responses of the windows beside it that of a window in which a plant rings has
+AWAY = (0.0, -1.0, 1.0, -2.0, 2.0)  # standard errors from the fitted probability at which the scatter is asked
 DRAWS = 64  # of the scatter, whose mean powers tell where it is
 
 
-def scatter_cost(problem: Problem, point: Point, residual: np.ndarray) -> float:
+def scatter_cost(problem: Problem, fit: Fit) -> float:
     """-2 ln of the likelihood ratio of what lost commands leave of recordings without a period, under the scatter that
     they must make where that exceeds the noise as it was told.
 
     It is a cost where the noise was told from what is left, which then is too small. Where other recordings bound it,
-    what is left beyond it may be just this scatter.
+    what is left beyond it may be just this scatter. How many are lost, the scatter tells together with the fit.
 
     Args:
         problem: The recordings.
-        point: Where they were simulated.
-        residual: What that leaves (K,), whitened.
+        fit: A hypothesis; 0 without lost commands in it.
     """
-    lost = effect_value(point.effects, LOST)
-    if lost <= 0 or not np.isfinite(residual).all():
+    at = [i for i, c in enumerate(fit.hypothesis.coordinates) if c.effect == LOST]
+    if not at or not np.isfinite(fit.residual).all():
+        return 0.0
+    own, spread = fit.hypothesis.coordinates[at[0]], 0.0 if fit.jacobian is None else fit.spread[at[0]]
+    away = AWAY if 0 < spread < NOT_TOLD else (0.0,)
+    shares = ((own.value(float(fit.u[at[0]] + sd * spread)), sd**2) for sd in away)
+    return min(scatter_cost_of(problem, lost, fit.residual) + off for lost, off in shares)
+
+
+def scatter_cost_of(problem: Problem, lost: float, residual: np.ndarray) -> float:
+    """As `scatter_cost`, of lost commands with a probability `lost` that leave a whitened residual (K,)."""
+    if lost <= 0:
         return 0.0
     cost = 0.0
     for part in problem.parts:
@@ -43,7 +52,10 @@ def scatter_cost(problem: Problem, point: Point, residual: np.ndarray) -> float:
             excess = np.maximum(ratio, 1.0)
             whole = residual[part.place].reshape(*part.measured.shape[:2], -1)
             left = abs(whole[part.opened.outputs.index("plant")]) ** 2
-            cost += float(np.sum(2.0 * np.log(excess) + left * (1 / excess - 1)))
+            own = float(np.sum(2.0 * np.log(excess) + left * (1 / excess - 1)))
+            # Noise that is told from POOLED windows is too small for it by chance in every other one.
+            by_chance = left.size / (2 * POOLED * KEPT)
+            cost += own if own < 0 else max(own - by_chance, 0.0)
     return cost
 
 

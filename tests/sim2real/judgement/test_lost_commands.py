@@ -5,10 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.lines.line_windows import KEPT, line_windows
-from sim2real.compared.simulated import Point
-from sim2real.judgement.lost_commands import louder_along, scatter_cost, scatter_ratio, scatter_variance
+from estimation.lines.line_windows import KEPT, POOLED, line_windows
+from sim2real.judgement.lost_commands import (
+    louder_along,
+    scatter_cost,
+    scatter_cost_of,
+    scatter_ratio,
+    scatter_variance,
+)
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.search.fitting import Fit
+from sim2real.search.hypotheses import Hypothesis
 
 RATE, SAMPLES = 1000.0, 20_000
 
@@ -71,34 +78,72 @@ def test_along_a_chirp_the_scatter_is_that_of_its_moment():
     assert louder_along(part, record, lost) == pytest.approx(np.ones((1, windows.count)))
 
 
-@pytest.mark.parametrize(
-    ("noise", "left", "sign"),
-    [
-        (1.0, 1.0, 1),  # the noise was told from what is left, and commands that are lost would leave more
-        (1.0, 9.0, -1),  # more is left than the noise that other recordings allow: as much as they make
-        (30.0, 1.0, 0),  # the noise is larger than what they make
-    ],
-)
-def test_what_lost_commands_leave_is_weighed_by_the_scatter_that_they_make(monkeypatch, noise, left, sign):
-    rng, lost = np.random.default_rng(7), 0.3
-    command = rng.standard_normal((1, 4000))
-    windows = line_windows(4000, RATE, (20.0, 400.0))
-    frequency = np.repeat(windows.centre, KEPT)
-    record = object.__new__(OpenRecord)
-    fields = {"windows": windows, "first": 0, "every": 1, "upstream": (), "source": None}
-    for key, value in fields.items():
+LOSSY = Hypothesis(("dropped_samples",), {})
+
+
+@pytest.fixture
+def part(monkeypatch):
+    """A record of white commands, whose noise is just what is made of them when three in ten are lost."""
+    command = np.random.default_rng(7).standard_normal((1, 20_000))
+    windows = line_windows(20_000, RATE, (20.0, 400.0))
+    record, frequency = object.__new__(OpenRecord), np.repeat(windows.centre, KEPT)
+    for key, value in {"windows": windows, "first": 0, "every": 1, "upstream": ()}.items():
         object.__setattr__(record, key, value)
     monkeypatch.setattr(OpenRecord, "command", command, raising=False)
     monkeypatch.setattr(OpenRecord, "frequency", frequency, raising=False)
-    plant = np.ones((1, frequency.size))
-    opened = SimpleNamespace(plant=plant, outputs=("plant",))
-    part = SimpleNamespace(opened=opened, noise=plant[None], record=record, place=slice(None), measured=plant[None])
-    part.used = np.ones(frequency.size, bool)
-    part.noise = part.noise * noise * np.sqrt(scatter_ratio(part, record, lost).mean()) / 3
-    both = rng.standard_normal((2, frequency.size)) * np.sqrt(left)
-    problem, point = SimpleNamespace(parts=(part,)), Point({"dropped_samples": {"probability": lost}}, {})
-    cost = scatter_cost(problem, point, both[0] + 1j * both[1])
-    assert np.sign(cost) == sign and (sign == 0 or abs(cost) > 100)
-    assert scatter_cost(problem, Point({}, {}), both[0] + 1j * both[1]) == 0.0
-    plant[:, KEPT : 2 * KEPT] = 100.0  # it rings in one window, which tells nothing
-    assert scatter_cost(problem, point, both[0] + 1j * both[1]) == pytest.approx(cost, rel=0.25, abs=1e-9)
+    ones = np.ones((1, frequency.size))
+    opened = SimpleNamespace(plant=ones, outputs=("plant",))
+    part = SimpleNamespace(
+        opened=opened, noise=ones[None], record=record, place=slice(None), measured=ones[None], used=ones[0] > 0
+    )
+    part.noise = np.sqrt(scatter_ratio(part, record, 0.3))[None]
+    return part
+
+
+def residual_of(rng, part, variance=1.0):
+    return (rng.standard_normal((part.used.size, 2)) @ np.array([1.0, 1.0j])) * np.sqrt(variance)
+
+
+@pytest.mark.parametrize(
+    ("noise", "left", "sign"),
+    [
+        (0.3, 1.0, 1),  # the noise was told from what is left, and commands that are lost would leave more
+        (0.3, 9.0, -1),  # more is left than the noise that other recordings allow: as much as they make
+        (9.0, 1.0, 0),  # the noise is larger than what they make
+    ],
+)
+def test_what_lost_commands_leave_is_weighed_by_the_scatter_that_they_make(part, noise, left, sign):
+    part.noise = noise * part.noise
+    problem, residual = SimpleNamespace(parts=(part,)), residual_of(np.random.default_rng(8), part, left)
+    cost = scatter_cost_of(problem, 0.3, residual)
+    assert np.sign(cost) == sign and (sign == 0 or abs(cost) > 1000)
+    assert scatter_cost_of(problem, 0.0, residual) == 0.0
+    part.opened.plant = np.array(part.opened.plant)
+    part.opened.plant[:, KEPT : 2 * KEPT] = 100.0  # it rings in one window, which tells nothing
+    assert scatter_cost_of(problem, 0.3, residual) == pytest.approx(cost, rel=0.05)
+
+
+def test_noise_that_is_told_from_a_few_windows_is_not_too_small_for_lost_commands(part):
+    rng, made, found = np.random.default_rng(9), part.noise, []
+    for _ in range(20):
+        own = rng.chisquare(2 * KEPT, part.used.size // KEPT + POOLED - 1) / (2 * KEPT)
+        told = np.repeat(np.convolve(own, np.ones(POOLED) / POOLED, "valid"), KEPT)
+        part.noise = made * np.sqrt(told)
+        found.append(scatter_cost_of(SimpleNamespace(parts=(part,)), 0.3, residual_of(rng, part, 1 / told)))
+    assert part.used.size > 5000 and np.mean(found) < 6.0
+
+
+@pytest.mark.parametrize(("told_to", "asked"), [(0.1, True), (0.001, False)])
+def test_how_many_are_lost_the_scatter_tells_together_with_the_fit(part, told_to, asked):
+    """Two in five would scatter a third more than there is."""
+    (own,), size = LOSSY.coordinates, part.used.size
+    residual = residual_of(np.random.default_rng(8), part)
+    jacobian = np.full((1, size), own.scale / told_to / np.sqrt(size), complex)
+    fit = Fit(LOSSY, np.array([own.at(0.4)]), residual, 0.0, jacobian)
+    problem = SimpleNamespace(parts=(part,))
+    assert fit.spread[0] * own.scale == pytest.approx(told_to)
+    alone, together = scatter_cost_of(problem, 0.4, residual), scatter_cost(problem, fit)
+    assert alone > 50 and (together < 5 if asked else together > 0.8 * alone)
+    fit.jacobian = None
+    assert scatter_cost(problem, fit) == alone
+    assert scatter_cost(problem, Fit(Hypothesis((), {}), np.zeros(0), residual, 0.0)) == 0.0
