@@ -102,7 +102,8 @@ def test_what_a_noisy_current_pulls_more_is_that_of_squares_in_the_mean_too(tmp_
     predicted[2, :, looked] -= noise
     bent, law = loop_at(record, record.experiment, predicted).bent, force_law(RIG)
     lagging, place = (record.along.lag, record.along.late), record.along.motion.reading
-    current, without = (ends(u, *lagging)[0] for u in (record.along.motion.driving, record.along.motion.driving - noise))
+    driving = record.along.motion.driving
+    current, without = (ends(u, *lagging)[0] for u in (driving, driving - noise))
     more = force(law, place, current) - force(law, place, without) - linearise(law)[0] * (current - without)
     assert abs(more.mean()) > 5e-3  # N, of the noise's squares
     np.testing.assert_allclose(bent.along.begin * (current - without), more, atol=1e-6)
