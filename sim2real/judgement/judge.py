@@ -206,7 +206,7 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
 
     It is a share of what each effect saves beside the candidate's other effects, or of the whole gap where that is not
     known. Of two that may stand for each other either saves little beside the other; of what both save, the smaller of
-    their shares remains in any case.
+    their shares remains in any case. Nothing is excused more than it explains.
     """
     cost = {frozenset(names): c for names, c in zip(evidence.effects, evidence.cost, strict=True)}
     found = np.full(len(evidence.effects), belief.form_share * gap)
@@ -216,8 +216,8 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
         shares = [EFFECTS[name].form_share if name in EFFECTS else 0.0 for name in names]
         others = [cost.get(frozenset(names) - {name}, np.inf) if len(names) > 1 else np.inf for name in names]
         saved = np.clip(np.array(others) - evidence.cost[i], 0.0, gap)
-        least = min(shares) * np.clip(evidence.cost[0] - evidence.cost[i], 0.0, gap)
-        found[i] += max(float(np.dot(shares, saved)), float(least))
+        explained = float(np.clip(evidence.cost[0] - evidence.cost[i], 0.0, gap))
+        found[i] += min(max(float(np.dot(shares, saved)), min(shares) * explained), explained)
     return found
 
 

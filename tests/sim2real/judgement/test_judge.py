@@ -107,6 +107,15 @@ def test_probabilities_sum_to_one_and_fall(seed):
     assert not any("mass" in e.effects for e in found)  # it touches down
 
 
+def test_what_explains_nothing_is_excused_nothing():
+    """A stated gain far off its data sheet costs what explains nearly all of the gap 90. That a friction which explains
+    nothing could have another form makes no cause of the gain that explains as little."""
+    e = gap(1e4, pairs={"delay+mass": 0.0}, actuator_gain=1.01e4, friction=1.02e4)
+    strain = np.array([0.0 if "actuator_gain" in names else 90.0 for names in e.effects])
+    found = entries(replace(e, strain=strain))
+    assert probability(found, "actuator_gain") < 0.01 and probability(found, "unknown") > 0.5
+
+
 def test_noise_is_no_gap():
     """k parameters that fit noise save a chi-square of k, and lose as much, 2 k on the mean, on what they predict."""
     rng = np.random.default_rng(1)
