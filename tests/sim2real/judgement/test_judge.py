@@ -108,9 +108,10 @@ def test_probabilities_sum_to_one_and_fall(seed):
 
 
 def test_what_explains_nothing_is_excused_nothing():
-    """A stated gain far off its data sheet costs what explains nearly all of the gap 90. That a friction which explains
+    """A stated gain far off its data sheet costs what explains all of the gap 90. That a hysteresis which explains
     nothing could have another form makes no cause of the gain that explains as little."""
-    e = gap(1e4, pairs={"delay+mass": 0.0}, actuator_gain=1.01e4, friction=1.02e4)
+    resonances = {"sensor_resonance+support_resonance": 0.0}
+    e = gap(1e4, pairs=resonances, actuator_gain=1.01e4, hysteresis=1.02e4)
     strain = np.array([0.0 if "actuator_gain" in names else 90.0 for names in e.effects])
     found = entries(replace(e, strain=strain))
     assert probability(found, "actuator_gain") < 0.01 and probability(found, "unknown") > 0.5
