@@ -60,7 +60,7 @@ class Drive:
             reference drive the loop.
         stand_in: whether the controller stands in for one that is not known.
         held: whether the source is held between samples; else it is straight lines.
-        force_held: whether the force is held between samples; else it is continuous, with no more than its samples show.
+        force_held: whether the force is held between samples; else it is continuous, up to half their rate.
         multiple: every how many recorded samples one is compared.
         every: control samples of the experiment for each compared sample.
         upstream: effects that act before what drives the loop, and therefore do not show.
