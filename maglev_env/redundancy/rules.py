@@ -1,5 +1,6 @@
 """The registry of rules, and their application to a campaign."""
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -183,7 +184,7 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
     `alike`: try only columns of one quantity, those of the two axes, because an effect may explain what differs.
     """
     names = [n for n in spec.channels if n != "time"]
-    before = {row.code for view in views for row in comparisons(view)}
+    before = [row.code for view in views for row in comparisons(view)]
     for one, other in combinations(names, 2):
         if alike and one.partition("_")[0] != other.partition("_")[0]:
             continue
@@ -228,8 +229,8 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
 
 
 def _agree(rows: Sequence[Row], codes: Collection[str] = ()) -> bool:
-    """Whether there are comparisons, these among them, and all agree."""
-    return bool(rows) and {*codes} <= {row.code for row in rows} and not any(row.off for row in rows)
+    """Whether there are comparisons, these among them on as many axes, and all agree."""
+    return bool(rows) and Counter(codes) <= Counter(row.code for row in rows) and not any(row.off for row in rows)
 
 
 def _timed(rows: Sequence[Row]) -> bool:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import bench_loop
 import campaigns
@@ -16,7 +17,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.redundancy.bounds import ranges
 from maglev_env.redundancy.result import doubtful
-from maglev_env.redundancy.rules import _at_ticks, _views, as_data, examine
+from maglev_env.redundancy.rules import _agree, _at_ticks, _views, as_data, examine
 
 
 @pytest.fixture(scope="module")
@@ -368,3 +369,10 @@ def test_two_wrong_scales_are_named_each_with_its_size(sound, tmp_path):
 def test_a_displacement_quieter_than_its_sensor_is_told(open_folder, tmp_path):
     found = changed(open_folder, tmp_path / "c", "noise", scale("displacement", 1e-3))
     assert any("moves by" in f.message and f.channel == "displacement" for f in found)
+
+
+def test_columns_are_not_exchanged_where_an_axis_has_nothing_left_to_compare():
+    """A command and a set point that never moves, the other way round: the other axis alone agrees."""
+    row = SimpleNamespace(code="amplifier", off=False)
+    assert _agree([row, row], ["amplifier", "amplifier"]) and _agree([row])
+    assert not _agree([row], ["amplifier", "amplifier"]) and not _agree([])
