@@ -131,3 +131,21 @@ def test_the_stiffness_of_a_band_that_holds_the_motion_is_less_certain_than_its_
         assert np.mean([m.low <= truth <= m.high for m in coefficient]) > 0.92
     k = [m for m, _ in found]
     assert np.std([m.value for m in k]) > 0.6 * np.median([m.se for m in k])  # nor much wider than it has to be
+
+
+def test_a_wide_band_across_a_resonance_is_weighted_as_the_force_scatters():
+    """A force that is not recorded, of the same size at each line: as certain as the best linear estimate of them."""
+    rng, lines, band, size, found = np.random.default_rng(10), np.arange(60, 141), np.array([60.0, 140.0]), 0.03, []
+    w = 2 * np.pi * lines
+    z = 3e4 - MASS * w**2 + 12.0j * w
+    for _ in range(100):
+        normal = (rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size)) / np.sqrt(2)
+        values = np.stack([np.ones(lines.size), (1 + size * normal) / z])
+        silent = np.zeros((2, 2, lines.size))
+        record = LineStatistics(lines.astype(float), lines, ("force", "displacement"), values, silent, PERIODS)
+        found.append([m.value for m in band_mean(record, band, MASS, (3e4, 12.0))])
+    u = (lines - 100.0) / 40.0
+    shape = np.stack([np.ones_like(u), u, (3 * u**2 - 1) / 2], axis=1)
+    columns = np.hstack([shape, 1j * w[:, None] * shape]) / z[:, None]
+    best = np.sqrt(np.diag(np.linalg.inv((columns.conj().T @ columns).real)) * size**2 / 2)
+    assert np.std(found, axis=0) == pytest.approx(best[[0, 3]], rel=0.2)
