@@ -16,7 +16,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.coefficients import Coefficient, coefficients_of, misfit
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
-from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.fitting import Fit, cost_of, differentiate, iterate
 
 CLEAR = 3.0  # standard errors from which the axes differ
 STEPS = 6  # of a fit of a part, which begins at that of all
@@ -72,14 +72,17 @@ def _along(rig: Rig, problem: Problem, fit: Fit, axis: int) -> tuple[Coefficient
 
 
 def fit_of_rows(problem: Problem, fit: Fit, rows: np.ndarray) -> Fit:
-    """A fit by a part of the data (K,), which begins at that of all; its residual is zero in the others."""
+    """A fit by a part of the data (K,), which begins at that of all, with its Jacobian; its residual is zero in the
+    others."""
     own = rows.astype(float)
+    residual, jacobian = fit.residual * own, None if fit.jacobian is None else fit.jacobian * own
 
     def simulate(points: Sequence[Point]) -> np.ndarray:
         return problem.simulate(points) * own
 
     data = problem.data * own
-    (alone,) = begin([fit.hypothesis], [fit.u], data, simulate)
+    alone = Fit(fit.hypothesis, fit.u, residual, cost_of(residual, fit.u, fit.prior), jacobian, fresh=fit.fresh)
     iterate([alone], data, simulate, STEPS)
-    differentiate([alone], data, simulate, True)
+    if not alone.fresh:
+        differentiate([alone], data, simulate, True)
     return alone

@@ -16,6 +16,7 @@ from sim2real.recorded.at_rest.static_evidence import can_rest, of_weight
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.fitting import CONVERGED, Fit
+from sim2real.search.valleys import CHANCE
 
 # What is identified, each as an effect of this name, and its unit.
 UNITS = {
@@ -29,9 +30,8 @@ UNITS = {
 # of damping and delay in `_natural`.
 UNBOUNDED = 0.25
 SIGNIFICANT = 3.0  # standard deviations of the misfit under noise alone
-# A fit that tells the actuator's gain to no more than WEAK of it may as well have found a resonance of the noise: of
-# what it gains on the nominal rig, CHANCE is what the best of all such resonances gains.
-WEAK, CHANCE = 0.1, 16.0
+# A fit that tells the actuator's gain to no more than WEAK of it may as well have found a resonance of the noise.
+WEAK = 0.1
 # So may one from which the cost rises more slowly to another point than its curvature claims: by this factor in
 # standard errors.
 BENT = 1.5

@@ -73,10 +73,33 @@ def fitted(
         moved = np.abs(u - before) / sure
         if count >= least and (moved < SETTLED).all():
             break
+    problem, u = _opened_nearer(problem, h, u, start)
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
     return problem, fit, [*others, *held_at_nominal(problem, fit)]
+
+
+def _opened_nearer(problem: Problem, h: Hypothesis, u: np.ndarray, start: np.ndarray) -> tuple[Problem, np.ndarray]:
+    """The problem and coordinates (size,) of its fit, or those about a rotor that moves as it does at the start, where
+    that is more likely.
+
+    Records of a large motion are opened at the rig of the last pass. Where little moves the rotor, that rig may go
+    after the fit from pass to pass, away from where more was explained: each pass alone is an improvement.
+    """
+    if not any(isinstance(p.record, OpenRecord) and p.record.along is not None for p in problem.parts):
+        return problem, u
+    back = np.array(u)
+    for i, c in enumerate(h.coordinates):
+        if c.effect in UNITS and c.effect != "delay":
+            back[i] = start[i]
+    other = problem.about(h.point(back))
+    (fit,) = begin([h], [u], problem.data, problem.simulate)
+    (nearer,) = begin([h], [back], other.data, other.simulate)
+    if not nearer.cost + other.log_noise < fit.cost + problem.log_noise:
+        return problem, u
+    iterate([nearer], other.data, other.simulate, MOST_STEPS)
+    return other, nearer.u
 
 
 def _carried(h: Hypothesis, near: Fit) -> np.ndarray:

@@ -41,6 +41,8 @@ class BenchNoise:
         known of it: where no recording with a period has lines, and at a resonance of the nominal plant. How that rings
         at the begin of the recording differs from line to line, and is noise of this recording alone."""
         w, found = record.windows, np.full((len(outputs), 1, record.frequency.size), np.inf)
+        if not self.shown:
+            return found
         ringing = np.repeat(_resonant(record), KEPT)
         of_force = np.repeat(noise_of_force(record, nominal_loop(record), outputs).max(axis=1), KEPT, axis=-1)
         for row, output, driven in zip(found, outputs, of_force, strict=True):

@@ -18,7 +18,7 @@ from sim2real.compared.law_shape import (
     with_bent_law,
 )
 from sim2real.compared.open_tones import nuisance_columns
-from sim2real.compared.simulated import Point, Predictor, experiment_near, predictor
+from sim2real.compared.simulated import Point, Predictor, experiment_near, lanes_of, predictor
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.drive.anchored import anchored
 from sim2real.recorded.drive.quiet import quiet
@@ -81,11 +81,11 @@ def evidence_of(
     about = {e: amounts[e.name] for e in measured_drive if e.name in amounts}
     as_read, record = record, redriven(record, about)
     at_near = experiment_near(record, near)
-    loop = loop_at(record, at_near)
+    lanes = lanes_of(record, [near])
+    predicted = simulated_series(record, lanes)[0]
+    loop = loop_at(record, at_near, predicted)
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
-    lanes = predicts.lanes([near])
-    predicted = simulated_series(record, lanes)[0]
     measured = measured_at(record, loop, opened.outputs)
     noise = open_noise(record, loop, opened.outputs, predicted, at_near)
     nuisances = ringing(record, loop, opened.outputs, noise, at_near)

@@ -164,6 +164,17 @@ class Problem:
         return self.nuisances.without(found)
 
     @property
+    def log_noise(self) -> float:
+        """Twice the sum of ln of the noise's variance over all coordinates, as a closed loop shows them.
+
+        With the cost of a point it is -2 ln of its likelihood, which compares problems of the same records that are
+        opened at other rigs: a residual that is opened with more loop gain is larger, and explains no less.
+        """
+        opened = [p for p in self.parts if isinstance(p.record, OpenRecord)]
+        noise = sum(float(np.log(p.noise[..., p.used]).sum()) for p in opened)
+        return 4 * (noise - sum(float(np.log(abs(p.opened.closed[..., p.used])).sum()) for p in opened))
+
+    @property
     def loudest(self) -> Part:
         """The record with the largest motion, in which nonlinearity shows most."""
         return max(self.parts, key=lambda part: float((abs(part.measured) ** 2).sum()))

@@ -7,7 +7,9 @@ frequencies that were never in the noise, and a fit takes them for damping or de
 
 With e the reading and u the command (each measured less simulated), x what u does to the linear nominal plant, and g
 and k what gain and stiffness along the motion have more than at rest, the force g i - k x that the linear plant lacks
-is known from e alone. It is taken off, with the motion that it causes itself, to second order. Where the rig is found
+is known from e alone. It is taken off, with the motion that it causes itself, to second order: g and k are those midway
+between measured and simulated, because the squares of a noisy current have another mean than the square of the current
+without noise. Where the rig is found
 to be another one, its own magnets are followed (`AlongMotion.under`): while a step drives the coil with three times its
 current, a gain that is a fifth larger than was taken off is error enough to name an asymmetry.
 """
@@ -47,6 +49,10 @@ class Motion:
     def at(self, samples: slice) -> "Motion":
         return replace(self, driving=self.driving[:, samples], reading=self.reading[:, samples])
 
+    def halfway(self, driving: np.ndarray, reading: np.ndarray) -> "Motion":
+        """The motion midway to another one, which is this less `driving` and `reading` (axes, samples)."""
+        return replace(self, driving=self.driving - driving / 2, reading=self.reading - reading / 2)
+
 
 @dataclass(frozen=True)
 class AlongMotion:
@@ -83,9 +89,9 @@ class AlongMotion:
         begin, end, stiffness = (v[:, samples] for v in (self.begin, self.end, self.stiffness))
         return replace(self, begin=begin, end=end, stiffness=stiffness, motion=self.motion.at(samples))
 
-    def under(self, e: Experiment) -> "AlongMotion":
-        """What the magnets of another rig have more than at rest, along the same motion."""
-        return _along(e, self.motion)[0]
+    def under(self, e: Experiment, motion: Motion | None = None) -> "AlongMotion":
+        """What the magnets of another rig have more than at rest, along the same motion or along another one."""
+        return _along(e, motion or self.motion)[0]
 
 
 def ends(command: np.ndarray, lag: float | None, late: int) -> tuple[np.ndarray, np.ndarray]:

@@ -83,7 +83,7 @@ class Loop:
         return np.stack(found, axis=-4)
 
 
-def loop_at(record: OpenRecord, near: Experiment) -> Loop:
+def loop_at(record: OpenRecord, near: Experiment, predicted: np.ndarray | None = None) -> Loop:
     """The linear loop at which a record is opened: the nominal one, or that of a rig which was found.
 
     Which linear loop opens the spectra does not matter, as what it leaves of the noise is stationary. Where gain and
@@ -92,10 +92,17 @@ def loop_at(record: OpenRecord, near: Experiment) -> Loop:
     Args:
         record: the record.
         near: the rig that was found, under the record's gains.
+        predicted: its simulated displacement, current and command (3, axes, samples); None or nan: it is not known.
     """
     if record.along is None:
         return nominal_loop(record)
-    return nominal_loop(replace(record, experiment=near, along=record.along.under(near)))
+    motion = record.along.motion
+    if predicted is not None and np.isfinite(predicted).all():
+        looked = slice(record.first, record.first + record.windows.samples)
+        motion = motion.halfway(
+            (record.command - predicted[2])[:, looked], (record.series["displacement"] - predicted[0])[:, looked]
+        )
+    return nominal_loop(replace(record, experiment=near, along=record.along.under(near, motion)))
 
 
 def nominal_loop(record: OpenRecord) -> Loop:

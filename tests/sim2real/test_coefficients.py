@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from sim2real.coefficients import CHANCE, Coefficient, across_recordings, least_spread, standard_errors
+from sim2real.coefficients import Coefficient, across_recordings, least_spread, standard_errors
 from sim2real.search.fitting import Fit, cost_of
 from sim2real.search.hypotheses import Hypothesis
+from sim2real.search.valleys import CHANCE
 
 
 def _of(value, se):
@@ -61,5 +62,5 @@ def test_a_peak_that_another_point_does_not_bear_out_may_be_one_of_noise():
 
     assert spread(100.0) == pytest.approx(0.1)  # (1 / 0.1)^2
     assert spread(60.0) == pytest.approx(60.3**-0.5)
-    assert spread(24.0) == pytest.approx((24.0 - CHANCE + 0.3) ** -0.5)
+    assert spread(40.0) == pytest.approx((40.0 - CHANCE + 0.3) ** -0.5)
     assert spread(9.0) > 1

@@ -1,5 +1,7 @@
 """`maglev coverage`: how often the intervals of `maglev estimate` hold the truth, by condition."""
 
+from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,6 +22,7 @@ def coverage(
     processes: Annotated[
         int, typer.Option(min=1, max=256, help="Processes that share the draws; results do not change.")
     ] = 1,
+    out: Annotated[Path | None, typer.Option(help="Folder of the counts; an interrupted study resumes there.")] = None,
     docs: DocsOption = None,
     seed: SeedOption = 0,
     json_file: JsonOption = None,
@@ -35,6 +38,7 @@ def coverage(
     from maglev_workbench.console import console, progress_bar, write_json
 
     chosen = named(condition or [])
+    from maglev_workbench.commands.coverage.kept import kept
     from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown, coverage_table
     from maglev_workbench.commands.coverage.study import coverage as counted
 
@@ -43,7 +47,9 @@ def coverage(
         task = bar.add_task("", total=draws * len(chosen))
         for name in chosen:
             bar.update(task, description=name)
-            found[name] = counted(CONDITIONS[name], draws, seed, lambda: bar.advance(task), processes)
+            count = partial(counted, CONDITIONS[name], draws, seed, lambda: bar.advance(task), processes)
+            found[name] = count() if out is None else kept(out, name, draws, seed, count)
+            bar.update(task, completed=draws * len(found))
     console.print(coverage_table(found))
     write_json(json_file, coverage_json(found, seed))
     if docs is not None:

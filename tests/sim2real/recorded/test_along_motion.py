@@ -93,6 +93,22 @@ def test_the_magnets_of_another_gain_pull_along_the_same_motion_as_their_own_cur
     np.testing.assert_array_equal(at_rest.blocks.plant, nominal_loop(record).blocks.plant)
 
 
+def test_what_a_noisy_current_pulls_more_is_that_of_squares_in_the_mean_too(tmp_path):
+    """The pull of one coil is a square of its current, of which a slope midway is the exact secant."""
+    record = record_of(tmp_path / "run", 2.5e-4, 1)
+    looked = slice(record.first, record.first + record.windows.samples)
+    noise = 0.2 * np.random.default_rng(2).standard_normal((1, record.windows.samples))
+    predicted = np.stack([record.series["displacement"], np.zeros_like(record.command), record.command])
+    predicted[2, :, looked] -= noise
+    bent, law = loop_at(record, record.experiment, predicted).bent, force_law(RIG)
+    lagging, place = (record.along.lag, record.along.late), record.along.motion.reading
+    driving = record.along.motion.driving
+    current, without = (ends(u, *lagging)[0] for u in (driving, driving - noise))
+    more = force(law, place, current) - force(law, place, without) - linearise(law)[0] * (current - without)
+    assert abs(more.mean()) > 5e-3  # N, of the noise's squares
+    np.testing.assert_allclose(bent.along.begin * (current - without), more, atol=1e-6)
+
+
 @pytest.mark.parametrize("rig", [RIG, load_rig("hmb_free"), load_rig("eframe")])
 def test_the_shapes_of_a_law_keep_gain_and_stiffness_at_rest(rig):
     near = Point({"negative_stiffness": {"change": 0.04}, "actuator_gain": {"change": 0.1}}, {})
