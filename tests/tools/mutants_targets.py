@@ -56,7 +56,7 @@ TARGETS: tuple[Target, ...] = (
     Target("estimation/xy/planar_least_squares.py", 4, ("test_planar_least_squares.py",)),
     Target("estimation/xy/planar_likelihood.py", 6, ("test_planar.py", "test_planar_coverage.py")),
     Target("estimation/xy/planar.py", 3, ("test_planar.py", "test_planar_coverage.py")),
-    Target("estimation/xy/planar_distortion.py", 5, ("test_planar.py", "test_planar_coverage.py"), slow=True),
+    Target("estimation/xy/planar_distortion.py", 5, ("test_planar_distortion.py",)),
     Target("maglev_lanes/noise.py", 3, ("test_simulate.py", "test_defaults.py"), "noise"),
     Target("maglev_lanes/line_spectra.py", 3, ("test_line_spectra.py",)),
     Target("maglev_lanes/period_statistics.py", 4, ("test_line_spectra.py",)),
