@@ -103,6 +103,7 @@ TARGETS: tuple[Target, ...] = (
 # Sampled mutants that no test can find, because what they change decides nothing: how far a search goes on, what a
 # graceful limit is. Each with its reason.
 EQUIVALENT: Mapping[str, str] = {
+    "smooth_loop.smooth: - -> + in m - 2": "fills two places that nothing reads",
     "stability_margins._intervals: + -> - in centre + noise[0] + 1j * noise[1]": "the sign of symmetric noise",
     "band_mean.band_mean: + -> - in abs(start[0]) / w.mean() + mass * w.mean()": "scales the search",
     "band_mean.variance: + -> - in sff + floor": "the floor is 1e-12 of the force and serves records without noise",

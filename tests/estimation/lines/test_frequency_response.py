@@ -178,7 +178,7 @@ def test_distortion_inside_the_rig_counts_most_where_its_loop_gain_is_large():
         claims.append(loop_variance(f, clean + own, noise))
     ratio = np.median(claims, axis=0) / (noise + disturbed)
     assert ratio[1:].min() > 0.85 and ratio[0] > 0.65  # at an end of the lines smooth curves bend with the noise
-    assert np.median(ratio) < 1.4 and ratio.max() < 3.0
+    assert np.median(ratio) < 1.4 and ratio.max() < 2.6
 
 
 @pytest.mark.parametrize("more", [1.0, 3.0, 30.0])
@@ -189,13 +189,14 @@ def test_noise_that_one_line_has_for_itself_counts_there(more):
     truth = 1e-6 * np.abs(clean) ** 2
     truth[at] *= more
     claims = []
-    for _ in range(60):
+    for _ in range(120):
         normal = rng.standard_normal((2, periods, f.size)) * np.sqrt(truth * periods / 2)
         drawn = clean + normal[0] + 1j * normal[1]
         claims.append(loop_variance(f, drawn.mean(axis=0), drawn.var(axis=0, ddof=1) / periods))
     ratio = np.median(claims, axis=0) / truth
     if more > 10:
-        assert ratio[at] == pytest.approx(1.0, abs=0.25)  # the mean of seven lines has a fifth of it
+        # The mean of seven lines has a fifth of it.
+        assert np.mean(claims, axis=0)[at] / truth[at] == pytest.approx(1.0, abs=0.12)
     else:
         assert 0.4 < ratio[at] < 1.3
     assert np.median(ratio[np.abs(np.arange(f.size) - at) > 5]) == pytest.approx(1.0, abs=0.12)
