@@ -12,6 +12,12 @@ from threadpoolctl import ThreadpoolController
 Item, Result = TypeVar("Item"), TypeVar("Result")
 
 
+def cores() -> int:
+    """Number of cores that this process may use, as a container or `taskset` leaves them."""
+    allowed = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
+
+
 def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads: int | None) -> Iterator[Result]:
     """work(item) for every item, in order. An interrupt drops what has not begun.
 
@@ -23,7 +29,7 @@ def over_threads(work: Callable[[Item], Result], items: Sequence[Item], threads:
         items: The items.
         threads: Number of threads; None for all cores.
     """
-    threads = min(threads or os.cpu_count() or 1, len(items))
+    threads = min(threads or cores(), len(items))
     with single_blas():
         if threads <= 1:
             yield from map(work, items)

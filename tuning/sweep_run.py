@@ -1,7 +1,6 @@
 """Runs of sweeps: gain sets evaluated chunk by chunk into a folder, from which an interrupted run goes on."""
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, fields
@@ -15,7 +14,7 @@ from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.gains import gain_values, of_axis
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
-from maglev_lanes.threads import one_ahead
+from maglev_lanes.threads import cores, one_ahead
 from tuning.sweep import Sweep, controllers, description, points
 from tuning.sweep_file import read_sweep, write_sweep
 
@@ -127,12 +126,12 @@ def _made(
     """Chunks and their columns as they are finished."""
     if workers is None:
         # A chunk alone would keep two threads busy.
-        on_cpu, cores = bool(chunks) and chunks[0].sweep.device == "cpu", threads or os.cpu_count() or 1
-        size = cores if on_cpu else _GROUPS * ON_GPU // CHUNK
-        apart = not on_cpu and cores > 1 and sum(map(len, chunks)) >= JUDGED_APART
+        on_cpu, many = bool(chunks) and chunks[0].sweep.device == "cpu", threads or cores()
+        size = many if on_cpu else _GROUPS * ON_GPU // CHUNK
+        apart = not on_cpu and many > 1 and sum(map(len, chunks)) >= JUDGED_APART
         parts = (chunks[start : start + size] for start in range(0, len(chunks), size))
         made = one_ahead((part, [e for chunk in part for e in chunk.experiments()]) for part in parts)
-        with _judges(cores) if apart else nullcontext() as judges:
+        with _judges(many) if apart else nullcontext() as judges:
             for part, experiments in made:
                 yield from _together(part, experiments, threads, progress, judges)
         return

@@ -4,7 +4,6 @@ An interrupted run can be resumed.
 """
 
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -19,6 +18,7 @@ from maglev_env.recordings.files import write_text_atomic
 from maglev_env.recordings.formats.json_data import plain
 from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.processes import fresh_pool
+from maglev_lanes.threads import cores
 from sim2real.blind.cases import ANSWER_SCHEMA, ANSWERS, CAMPAIGNS, parse_diagnosis, seal_of
 
 OPENED = "blind.json"  # written when the set is opened; from then on the truth is known
@@ -98,7 +98,7 @@ def answer_all(
     advance = progress or (lambda n: None)
     advance(len(campaigns) - len(todo))
     here = workers is None
-    outcomes = _outcomes(todo, processes or os.cpu_count() or 1, diagnose) if here else _sent(todo, workers, diagnose)
+    outcomes = _outcomes(todo, processes or cores(), diagnose) if here else _sent(todo, workers, diagnose)
     for campaign, outcome in outcomes:
         data = {"schema": ANSWER_SCHEMA, "version": made_by, "labels_sha256": seal, **outcome}
         write_text_atomic(answers / f"{campaign.name}.json", json.dumps(data, indent=1, allow_nan=False) + "\n")

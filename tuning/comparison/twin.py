@@ -1,7 +1,6 @@
 """The same tuner on three simulators of one rig: nominal, corrected by a diagnosis, and the true twin."""
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from maglev_env.recordings.files import write_text_atomic
 from maglev_env.recordings.result_folder import claim, locked
 from maglev_lanes.code_version import code_version
 from maglev_lanes.processes import fresh_pool
+from maglev_lanes.threads import cores
 from sim2real.blind.judging.worth import AGAIN, PRESET, SIMULATORS, CaseWorth, Recommended, TwinCase, recommended
 from tuning.search.optuna_search import OptunaTuner
 from tuning.tuner import Trials
@@ -114,7 +114,7 @@ def compare_simulators(
         reused = len(done)
         progress(reused)
         todo = [case for case in cases if case.id not in done]
-        for found in _outcomes(todo, budgets, seed, processes or os.cpu_count() or 1):
+        for found in _outcomes(todo, budgets, seed, processes or cores()):
             write_text_atomic(folder / f"{found.id}.json", json.dumps(_data(found), indent=1, allow_nan=False) + "\n")
             done[found.id] = found
             progress(1)

@@ -91,6 +91,7 @@ def guess_recording(
     rate: float | None = None,
     part: tuple[int, int] | None = None,
     columns: tuple[ColumnGuess, ...] | None = None,
+    channels: Mapping[str, str] | None = None,
 ) -> RecordingGuess:
     """Guess everything that a campaign needs of one data file.
 
@@ -100,6 +101,7 @@ def guess_recording(
         rate: sample rate in Hz where the user states it.
         part: first sample that is used, and how many; None: the whole file.
         columns: what its columns are, where that is known; None: guessed.
+        channels: what the user states of some columns, see `guess_columns`.
 
     Returns:
         The guesses.
@@ -116,7 +118,7 @@ def guess_recording(
         used = slice(part[0], part[0] + part[1])
         bridged = None if found.bridged is None else found.bridged[used]
         found = replace(found, columns={n: values[used] for n, values in found.columns.items()}, bridged=bridged)
-    columns = guess_columns(found) if columns is None else columns
+    columns = guess_columns(found, channels) if columns is None else columns
     by_channel = {c.channel: c.values(found.columns) for c in columns if c.channel}
     time = next((c for c in columns if c.channel == "time"), None)
     guessed = guess_rate(found.columns[time.column] if time else None, time.scale if time else 1.0, found.numbers,

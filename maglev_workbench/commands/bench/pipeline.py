@@ -1,6 +1,5 @@
 """Whole evaluations: gain sets per second, the time of each part, and the scaling with threads."""
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,7 +26,7 @@ from maglev_lanes.layout import LANES
 from maglev_lanes.line_spectra import LineSpectra
 from maglev_lanes.noise import line_noise
 from maglev_lanes.period_statistics import PeriodStatistics
-from maglev_lanes.threads import over_threads
+from maglev_lanes.threads import cores, over_threads
 from maglev_workbench.commands.bench.figures import Figure
 from maglev_workbench.commands.bench.kernels import quiet_experiment
 from maglev_workbench.commands.bench.timing import Size, alternately, stepper
@@ -44,7 +43,7 @@ def rate_figures(size: Size) -> dict[str, Figure]:
         sets = {t: _sets(experiment, t, size) for t in _threads()}
         works = {t: partial(evaluate, sets[t], threads=t) for t in sets}
         rate = {t: len(sets[t]) / seconds for t, seconds in alternately(works, size.repeats).items()}
-        every = os.cpu_count() or 1
+        every = cores()
         found |= {
             f"{prefix}gain_sets_per_second": Figure(rate[every], "1/s", "higher"),
             f"{prefix}gain_sets_per_second_one_thread": Figure(rate[1], "1/s", "higher"),
@@ -56,7 +55,7 @@ def rate_figures(size: Size) -> dict[str, Figure]:
 
 
 def _threads() -> set[int]:
-    return {1, 2, os.cpu_count() or 1}
+    return {1, 2, cores()}
 
 
 def _sets(experiment: Experiment, threads: int, size: Size) -> list[Experiment]:
@@ -74,7 +73,7 @@ def thread_figures(size: Size) -> dict[str, Figure]:
     best = alternately(works, repeats)
     steps = _PERIODS_PER_CALL * LANES * experiment.samples_per_period
     rate = {threads: 2 * threads * steps / seconds for threads, seconds in best.items()}
-    every = os.cpu_count() or 1
+    every = cores()
     return {
         "kernel_steps_per_second": Figure(rate[every], "lane steps/s", "higher"),
         "kernel_steps_per_second_one_thread": Figure(rate[1], "lane steps/s", "higher"),

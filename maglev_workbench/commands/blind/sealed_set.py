@@ -1,13 +1,13 @@
 """Making and answering a sealed set, for `generate`, `answer` and `run`."""
 
 import json
-import os
 from pathlib import Path
 
 from maglev_env.recordings.files import write_text_atomic
 from maglev_env.recordings.result_folder import is_empty, locked
 from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_lanes.schedule import Workers
+from maglev_lanes.threads import cores
 from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.options import require_folder
 from sim2real.blind.answer import Answered, Diagnose, answer_all, diagnose
@@ -46,7 +46,7 @@ def generate(
             raise ValueError(f"{out} is not empty; choose another --out or delete it")
         with progress_bar() as bar:
             bar.add_task(f"generate {count} campaigns", total=None)
-            workers = processes or os.cpu_count() or 1
+            workers = processes or cores()
             places = {"folder": out / CAMPAIGNS, "labels": out / LABELS}
             if benchmark:
                 seal = benchmark_generator.generate(count=count, seed=seed, processes=workers, oracle=oracle, **places)

@@ -106,7 +106,7 @@ def identify_campaign(
             first, reason = next(iter(why.items()))
             raise ValueError(f"{campaign.folder / first}: {reason} | the rig in all recordings: {error}") from error
         found = replace(found, pooled=together, notes=_alone(why))
-    elif fitted and found.aperiodic and campaign.rig is not None and campaign.rig.controlled:
+    elif fitted and found.aperiodic and campaign.rig is not None:
         # Responses are those of a straight line through the force law, and know nothing of lags: of a named rig the
         # simulation says more. Where it cannot, they stand alone.
         try:

@@ -22,6 +22,10 @@ def new(
         str | None, typer.Option(help="Preset or rig TOML of the rig; without it a rig.toml skeleton is written.")
     ] = None,
     magnet: Annotated[str | None, typer.Option(help="Magnet kind of the rig.toml skeleton.")] = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(metavar="COLUMN=CHANNEL", help="What a column is: displacement, force, ..., unused; repeat."),
+    ] = None,
     scale: Annotated[
         list[str] | None,
         typer.Option(metavar="COLUMN=VALUE", help="SI value of one of a column's units (m per V, per count); repeat."),
@@ -59,10 +63,18 @@ def new(
     from maglev_workbench.commands.new.files import bring, campaign_folder, data_files, rig_beside
     from maglev_workbench.commands.new.joined import run_of_rasters, runs_of_parts, split_into_runs, write_joined
     from maglev_workbench.commands.new.rig_text import fault_of, is_filled_in, is_untouched, rig_text
-    from maglev_workbench.commands.new.stated import Stated, check_columns, guess_with, scales_of, values_of
+    from maglev_workbench.commands.new.stated import (
+        Stated,
+        StatedColumns,
+        channels_of,
+        check_columns,
+        guess_with,
+        scales_of,
+        values_of,
+    )
     from maglev_workbench.console import console, marked, write_json
 
-    scales, zeros = scales_of(scale or ()), values_of("--zero", zero or ())
+    told = StatedColumns(channels_of(channel or ()), scales_of(scale or ()), values_of("--zero", zero or ()))
     for name, value in (("--rate", rate), ("--mass", mass)):
         if value is not None and not value > 0:
             raise ValueError(f"{name} {value} must be positive")
@@ -80,16 +92,19 @@ def new(
     files, several = split_into_runs(files, folder)
     for i, file in enumerate(files):
         try:
-            guess = guess_with(file, rate, scales, zeros)
-            if asking and guess.rate.value is None and (told := questions.ask_rate(file.name)):
-                guess = guess_with(file, told, scales, zeros)
+            guess = guess_with(file, rate, told)
+            if asking and guess.rate.value is None and (asked := questions.ask_rate(file.name)):
+                guess = guess_with(file, asked, told)
             if (run := run_of_rasters(file, guess)) is not None:
                 files[i] = file = write_joined(run, folder)
                 joined_runs.append(run)
-                guess = guess_with(file, None, scales, zeros)  # it has a clock, that of the slowest
+                guess = guess_with(file, None, told)  # it has a clock, that of the slowest
                 guess = replace(guess, notes=(f"written from parts: {run.why}", *guess.notes))
             if not guess.channels:
-                raise ValueError(f"{file}: no column is known by name or behaviour: {', '.join(guess.labels)}")
+                raise ValueError(
+                    f"{file}: no column is known by name or behaviour: {', '.join(guess.labels)}; say which is what, "
+                    f"such as --channel {guess.labels[-1]}=displacement"
+                )
             guesses.append(questions.ask_units(guess) if asking else guess)
         except ValueError as error:
             refused[file] = str(error)
@@ -100,14 +115,13 @@ def new(
     runs = runs_of_parts({f: g for f, g in named_guesses.items() if f not in still}, still) if still else []
     for run in runs:
         path = write_joined(run, folder)
-        joined = guess_with(path, None, scales, zeros)
+        joined = guess_with(path, None, told)
         named_guesses = {f: g for f, g in named_guesses.items() if f not in run.parts} | {
             path: replace(joined, notes=(f"written from parts: {run.why}", *joined.notes))
         }
     files = [*named_guesses, *refused]
     guesses = list(named_guesses.values())
-    check_columns(guesses, scales, "--scale")
-    check_columns(guesses, zeros, "--zero")
+    check_columns(guesses, told)
     for file, guess in without_motion(named_guesses).items():
         guesses.remove(guess)
         refused[file] = (

@@ -1,10 +1,13 @@
 """What the user states of a rig, on the command line or where the terminal asks."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
 
+from maglev_env.channels import CHANNELS
+from maglev_env.fields import check_known
+from maglev_env.recordings.guess.columns.columns import UNUSED
 from maglev_env.recordings.guess.columns.stated_columns import with_stated
 from maglev_env.recordings.guess.recording import RecordingGuess, guess_recording
 
@@ -58,29 +61,64 @@ def scales_of(texts: Iterable[str]) -> dict[str, float]:
     return scales
 
 
-def guess_with(
-    file: Path, rate: float | None, scales: Mapping[str, float], zeros: Mapping[str, float]
-) -> RecordingGuess:
+def channels_of(texts: Iterable[str]) -> dict[str, str]:
+    """The values of --channel.
+
+    Raises:
+        ValueError: A text is not COLUMN=CHANNEL, or there is no such channel.
+    """
+    known = {name + axis for name, c in CHANNELS.items() if c.recorded for axis in ("", "_x", "_y")} | {"time", UNUSED}
+    found = {}
+    for text in texts:
+        name, _, channel = text.rpartition("=")
+        if not name.strip():
+            raise ValueError(f"--channel {text}: write COLUMN=CHANNEL, such as --channel V1=force")
+        check_known([channel.strip()], known, f"--channel {name}")
+        found[name.strip()] = channel.strip()
+    return found
+
+
+@dataclass(frozen=True)
+class StatedColumns:
+    """What is known of columns, by what a file calls them or by their expression.
+
+    Args:
+        channels: what they are.
+        scales: SI value of one of their units.
+        zeros: reading at which their SI value is 0.
+    """
+
+    channels: Mapping[str, str]
+    scales: Mapping[str, float]
+    zeros: Mapping[str, float]
+
+
+def guess_with(file: Path, rate: float | None, stated: StatedColumns) -> RecordingGuess:
     """The guess of a data file with what the user states of its rate (Hz) and its columns.
 
     Raises:
         OSError: The file cannot be read.
         ValueError: It is no data file, or holds no columns.
     """
-    guess = guess_recording(file, rate=rate)
-    columns = with_stated(guess.columns, scales, zeros)
+    guess = guess_recording(file, rate=rate, channels=stated.channels)
+    columns = with_stated(guess.columns, stated.scales, stated.zeros)
     return guess if columns == guess.columns else guess_recording(file, rate=rate, columns=columns)
 
 
-def check_columns(guesses: Iterable[RecordingGuess], values: Mapping[str, float], option: str) -> None:
-    """Check that every column for which a value is stated is used in one of the files.
+def check_columns(guesses: Sequence[RecordingGuess], stated: StatedColumns) -> None:
+    """Check that every column of which something is stated is in one of the files, and used there if it has a value.
 
     Raises:
         ValueError: One is not; the message has those that are.
     """
-    used = {name: c.label for g in guesses for c in g.columns if c.channel for name in (c.label, c.column)}
-    for name in values:
-        if name not in used:
-            raise ValueError(
-                f"{option} {name}: no such column is used; there are {', '.join(dict.fromkeys(used.values()))}"
-            )
+    every = [c for g in guesses for c in g.columns]
+    used = [c for c in every if c.channel]
+    for option, values, columns, lacks in (
+        ("--channel", stated.channels, every, "no file has such a column"),
+        ("--scale", stated.scales, used, "no such column is used"),
+        ("--zero", stated.zeros, used, "no such column is used"),
+    ):
+        names = {name: c.label for c in columns for name in (c.label, c.column)}
+        for name in values:
+            if name not in names:
+                raise ValueError(f"{option} {name}: {lacks}; there are {', '.join(dict.fromkeys(names.values()))}")

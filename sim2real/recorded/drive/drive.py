@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
+import scipy.fft
 from scipy.interpolate import CubicSpline
 
 from maglev_env.experiment import Experiment, sampling, without_noise
@@ -58,7 +59,8 @@ class Drive:
         source: the channel, "command" or "current", from which the injection follows; None: the recorded injection and
             reference drive the loop.
         stand_in: whether the controller stands in for one that is not known.
-        held: whether the source and the force are held between samples; else they are straight lines.
+        held: whether the source is held between samples; else it is straight lines.
+        force_held: whether the force is held between samples; else it is continuous, up to half their rate.
         multiple: every how many recorded samples one is compared.
         every: control samples of the experiment for each compared sample.
         upstream: effects that act before what drives the loop, and therefore do not show.
@@ -69,6 +71,7 @@ class Drive:
     source: str | None = None
     stand_in: bool = False
     held: bool = True
+    force_held: bool = True
     multiple: int = 1
     every: int = 1
     upstream: frozenset[str] = frozenset()
@@ -112,7 +115,7 @@ class Drive:
             injection = self._between(channels[self.source]) - output
         caused = np.array([referred(c, r, dt) for c, r in zip(of, reference, strict=True)])
         waves = {
-            "force": self._between(channels.get("force", nothing)),
+            "force": self._force(channels.get("force", nothing)),
             "current": injection,
             "reference": reference,
         }
@@ -147,6 +150,20 @@ class Drive:
         share = (np.arange(self.every) + 0.5) / self.every
         return (series[..., None] + (following - series)[..., None] * share).reshape(len(series), -1)
 
+    def _force(self, series: np.ndarray) -> np.ndarray:
+        """Force (axes, samples * every) over each control sample, from its samples (axes, samples).
+
+        Of a continuous force it is the held sequence that has its spectrum up to half the rate of its samples.
+        """
+        if self.force_held or not np.ptp(series, axis=1).any():
+            return np.repeat(series, self.every, axis=1)
+        n = series.shape[1]
+        whole = np.concatenate([series, series[:, ::-1]], axis=1)  # continuous at both ends
+        turns = np.arange(n + 1) / (2 * n * self.every)  # of each line in a control sample
+        fine = np.zeros((len(series), n * self.every + 1), complex)
+        fine[:, : n + 1] = scipy.fft.rfft(whole, axis=1) * np.exp(1j * pi * turns) / np.sinc(turns)
+        return np.asarray(scipy.fft.irfft(fine, 2 * n * self.every, axis=1))[:, : n * self.every] * self.every
+
 
 def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], known: bool = True) -> Drive:
     """What drives a recording.
@@ -165,7 +182,14 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
         multiple, every = sampling(spec.sample_rate, rig.control_rate)
     except ValueError:
         multiple, every = 1, 0
-    if known and every == 1 and (spec.gains is not None or rig.support_stiffness > 0 or not rig.controlled):
+    force_held = spec.intersample == "zoh" and every <= 1
+    free = not rig.controlled and not force_held  # it is simulated in steps as fine as its motion needs
+    if (
+        known
+        and every == 1
+        and not free
+        and (spec.gains is not None or rig.support_stiffness > 0 or not rig.controlled)
+    ):
         gains = spec.gains if spec.gains is not None else NO_CONTROLLER
         if not rig.adc_bits and not rig.dac_bits:  # ideal converters have no range either
             rig = replace(rig, voltage_range=UNLIMITED)
@@ -178,11 +202,11 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
         if rig.controlled and "command" in channels:
             read = "displacement and the current" if reads_current(gains, 1 / rig.control_rate) else "displacement"
             note = f"what drove the loop is the command less what the stated controller makes of the {read}"
-            return Drive(e, "command", multiple=multiple, notes=(note,))
+            return Drive(e, "command", force_held=force_held, multiple=multiple, notes=(note,))
         if any(
             np.ptp(channels[name], axis=1).any() for name in ("force", "injection", "reference") if name in channels
         ):
-            return Drive(e, multiple=multiple)
+            return Drive(e, force_held=force_held, multiple=multiple)
     source = next((name for name in ("current", "command") if rig.controlled and name in channels), None)
     if source is None and rig.controlled:
         raise TellsNothing(
@@ -217,10 +241,10 @@ def _stood_in(
     # A converter holds for a control step; a recording that is slower than the controller shows nothing held.
     stated = spec.intersample == "zoh" and every <= 1
     held = stated or (spec.intersample is None and source == "command" and every == 1)
-    between = "held" if held else "straight lines"
     if source is None:
         e = without_noise(Experiment(rig, NO_CONTROLLER, (), speed_rpm=spec.speed_rpm))
-        return Drive(e, held=held, every=finer, notes=(f"the force is taken as {between} between samples",))
+        note = f"the force is taken as {'held' if stated else 'continuous'} between samples"
+        return Drive(e, held=held, force_held=stated, every=finer, notes=(note,))
     y = channels["displacement"]
     reference = channels.get("reference", np.zeros_like(y))
     controllers, how = [], []
@@ -231,7 +255,7 @@ def _stood_in(
     gains = controllers[0] if rig.axes == 1 else tuple(controllers)
     e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
     note = (
-        f"the recorded {source} drives the simulation ({between} between samples); "
+        f"the recorded {source} drives the simulation ({'held' if held else 'straight lines'} between samples); "
         f"{' and '.join(sorted(set(how)))} stands in for the controller"
     )
-    return Drive(e, source, True, held, every=finer, upstream=upstream, notes=(note,))
+    return Drive(e, source, True, held, stated, every=finer, upstream=upstream, notes=(note,))

@@ -179,6 +179,18 @@ def test_check_and_estimate_take_one_bare_file(foreign, tmp_path):
     assert "--rate" in maglev("check", shutil.copy(foreign["timeless"], tmp_path), code=2)
 
 
+def test_columns_that_nothing_names_are_what_the_user_says(tmp_path):
+    noise = np.random.default_rng(4).normal(size=(4000, 3))
+    np.savetxt(tmp_path / "run.csv", noise, delimiter=",", header="V1,V2,V3", comments="")
+    assert "such as --channel V3=displacement" in maglev("new", tmp_path, "--rate", 600, code=2)
+    stated = ["--channel", "V1=force", "--channel", "V2=displacement", "--channel", "V3=unused", "--scale", "V2=1e-3"]
+    maglev("new", tmp_path, "--rate", 600, "--magnet", "none", *stated)
+    (recording,) = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
+    assert recording["channels"] == {"force": {"from": "V1"}, "displacement": {"from": "V2", "scale": 1e-3}}
+    for wrong, why in {"V4=force": "no file has such a column; there are V1", "V1=flow": "flow", "V1": "write"}.items():
+        assert why in maglev("new", tmp_path, "--rate", 600, "--force", *stated, "--channel", wrong, code=2)
+
+
 def test_a_stated_scale_and_zero_go_into_channels_and_gains(tmp_path):
     """A probe in volts, 2 mm/V and 2.5 V at rest, whose controller counts in volts."""
     rng, n, rate = np.random.default_rng(3), 4000, 1000.0

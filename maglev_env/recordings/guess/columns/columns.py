@@ -12,17 +12,21 @@ from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.columns.naming import by_name, label_of
 from maglev_env.recordings.guess.columns.opposed import opposed
 from maglev_env.recordings.guess.columns.scaling import scaled
-from maglev_env.recordings.guess.evidence import LIKELY, OPEN
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED
 from maglev_env.recordings.guess.units import Unit
 
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
 
 
-def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
+UNUSED = "unused"  # stated of a column that is no channel
+
+
+def guess_columns(found: Contents, channels: Mapping[str, str] | None = None) -> tuple[ColumnGuess, ...]:
     """A guess for every column of a file, in the file's order.
 
     Args:
         found: what is in the file.
+        channels: what the user states of columns, by what the file calls them or their expression: channel, or UNUSED.
 
     Returns:
         No channel is given to two columns. Columns along x and y end in _x and _y where both displacements are there.
@@ -31,13 +35,27 @@ def guess_columns(found: Contents) -> tuple[ColumnGuess, ...]:
     values = {name: v[: shown.MOST] for name, v in found.columns.items()}
     units = {name: unit for name, (_, unit) in labels.items()}
     guesses = {name: by_name(name, label, unit, values[name]) for name, (label, unit) in labels.items()}
+    fixed = _as_stated(guesses, channels or {})
+    guesses |= fixed
     named = dict(guesses)
     guesses = _one_each(guesses)
     guesses = _voltage(_not_a_length(guesses, units, values), units, values)
     guesses = opposed(_freed(guesses, named), named, units, values)
-    guesses = by_behaviour(guesses, values, units)
-    guesses = {n: _resting(g, values[n]) for n, g in guesses.items()}
+    guesses = by_behaviour(guesses, values, units) | fixed
+    guesses = {n: g if n in fixed else _resting(g, values[n]) for n, g in guesses.items()}
     return tuple(scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
+
+
+def _as_stated(guesses: Mapping[str, ColumnGuess], channels: Mapping[str, str]) -> dict[str, ColumnGuess]:
+    """The columns of which the user states what they are."""
+    told = {n: channels.get(g.label, channels.get(n)) for n, g in guesses.items()}
+    return {
+        n: replace(
+            g, channel="" if told[n] == UNUSED else told[n], reason=f"{told[n]}: stated", confidence=STATED, ask=""
+        )
+        for n, g in guesses.items()
+        if told[n] is not None
+    }
 
 
 def _one_each(guesses: dict[str, ColumnGuess]) -> dict[str, ColumnGuess]:
