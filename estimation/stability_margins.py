@@ -22,6 +22,7 @@ Interval = tuple[float | None, float | None]
 
 
 TOGETHER = 32  # loops
+ALONG = 2.0  # standard deviations of Im L within which L may cross the real axis
 UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes from the interpolation
 
 
@@ -232,12 +233,14 @@ def _intervals(
     smooth = _margin_arrays(*_refined(f, _smoothed(f, loop_gain(centre + noise[0] + 1j * noise[1]), variance / size)))
     drawn["gain_margin_high"] = smooth["gain_margin_high"]
     ends["gain_margin_high"] = _quantiles(drawn["gain_margin_high"])
-    # Noise adds crossings: the near end takes the worst of each draw, the far end the one closest to the crossing of
-    # the smooth curve.
+    # Noise adds crossings: the near end takes the worst of each draw, the far end the best that may be the one of the
+    # smooth curve, anywhere where that lies along the real axis within the noise.
     found, factors = _gain_crossings(grid, gain)
-    factor = factors["gain_margin_low"]
-    away = np.abs(found.log_frequency - np.log(middle["gain_margin_low_frequency"]))
-    away = np.where(np.isinf(factor), np.inf, away)
+    factor, at = factors["gain_margin_low"], middle["gain_margin_low_frequency"]
+    low, high = _along_the_axis(f, loop_gain(centre), variance / size, at)
+    away = np.abs(found.log_frequency - np.log(at))
+    inside = (found.log_frequency >= low) & (found.log_frequency <= high) & np.isfinite(factor)
+    away = np.where(inside, -factor, np.where(np.isinf(factor), np.inf, away))
     near, far = _quantiles(found.least(factor, factor)[0])[0], _quantiles(found.least(factor, away)[0])[1]
     ends["gain_margin_low"] = (1 / (np.nan if np.isnan(middle["gain_margin_low"]) else far), 1 / near)
     for name, (low, high) in ends.items():
@@ -252,6 +255,13 @@ def _intervals(
         name: (_known(np.minimum(low, values[name])), _known(np.maximum(high, values[name])))
         for name, (low, high) in ends.items()
     }
+
+
+def _along_the_axis(f: Array, gain: NDArray[np.complex128], variance: Array, crossing: float) -> tuple[float, float]:
+    """Log frequencies around a crossing between which L lies along the real axis within its noise."""
+    apart = f[np.abs(gain.imag) > ALONG * np.sqrt(variance / 2)]
+    below, above = apart[apart < crossing], apart[apart > crossing]
+    return np.log(below.max(initial=f[0])), np.log(above.min(initial=f[-1]))
 
 
 def _known(end: float) -> float | None:

@@ -69,22 +69,32 @@ def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.n
         return np.maximum(pooled, (own - pooled) * POOL / (POOL - 1)) * size
 
     size = np.abs(sensitivity) ** 2
-    noise = noise_of(size)
-    if frequency.size < LOCAL or not np.any(noise):
-        return noise
-    # Of the loop gain L = 1 / S - 1: |dL| = |dS| / |S|^2. A line that noise made large is not less certain for that.
-    size = 1 / np.abs(1 + smooth_response(frequency, 1 / sensitivity - 1, noise / size**2)) ** 2
-    noise = noise_of(size)
-    return noise * distortion_factor(frequency, 1 / sensitivity, noise / size**2)
+    total = noise_of(size)
+    if frequency.size < LOCAL or not np.any(total):
+        return total
+    # A line that noise or distortion made large is not less certain for that: its size is that of a smooth loop gain
+    # L = 1 / S - 1, |dL| = |dS| / |S|^2, the second time of one that also knows the distortion.
+    for _ in range(2):
+        smooth = 1 + smooth_response(frequency, 1 / sensitivity - 1, total / size**2)
+        size = 1 / np.abs(smooth) ** 2
+        inside = np.abs(smooth * (smooth - 1)) ** 2  # dS = (1 - S) d of a disturbance d in proportion to the injection
+        total = distorted_variance(frequency, 1 / sensitivity, noise_of(size) / size**2, inside) * size**2
+    return total
 
 
-def distortion_factor(frequency: np.ndarray, curve: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Factor (..., n) on the variance of smooth curves, for what scatters from line to line more than noise does.
+def distorted_variance(
+    frequency: np.ndarray, curve: np.ndarray, variance: np.ndarray, inside: np.ndarray
+) -> np.ndarray:
+    """Variance (..., n) of smooth curves, with what scatters from line to line more than noise does.
+
+    Distortion enters as noise does, where a reading is not linear, or as a disturbance inside the rig does, where its
+    forces are not, whichever is likelier.
 
     Args:
         frequency: (n,), Hz, increasing, n >= LOCAL.
         curve: (..., n).
-        variance: Of its noise, E|n|^2, (..., n).
+        variance: Of its noise, E|noise|^2, (..., n).
+        inside: Variance in proportion to that which a disturbance inside the rig would have, (..., n).
     """
     x, n = np.log(frequency), frequency.size - LOCAL + 1
     whole = np.lib.stride_tricks.sliding_window_view
@@ -92,17 +102,29 @@ def distortion_factor(frequency: np.ndarray, curve: np.ndarray, variance: np.nda
     places = whole(x, LOCAL)
     cubics = np.stack([np.vander(p - p.mean(), CURVE) for p in places])
     beside = np.linalg.qr(cubics, mode="complete")[0][..., CURVE:]
+    left = np.abs(np.einsum("...wl,wlk->...wk", whole(curve, LOCAL, axis=-1), beside)) ** 2
+
+    def beside_of(power: np.ndarray) -> np.ndarray:
+        return np.einsum("...wl,wlk->...wk", whole(power, LOCAL, axis=-1), beside**2)
+
     largest = variance.max(axis=-1, keepdims=True)
     noise = np.where(largest > 0, np.maximum(variance, 1e-12 * largest), 1.0)  # without any there is nothing to widen
-    rest = np.einsum("...wl,wlk->...wk", whole(curve, LOCAL, axis=-1), beside)
-    power = np.einsum("...wl,wlk->...wk", whole(noise, LOCAL, axis=-1), beside**2)
-    left = (np.abs(rest) ** 2 / power).mean(axis=-1)
+    of_noise = beside_of(noise)
     around = [(0, 0)] * (curve.ndim - 1) + [(LOCAL // 2, frequency.size - n - LOCAL // 2)]
     freedom = 2 * (LOCAL - CURVE)
     median = scipy.stats.chi2.median(freedom) / freedom  # of that scatter, for noise alone
-    size = (1,) * (curve.ndim - 1) + (ROUGH_POOL,)
-    ratio = scipy.ndimage.median_filter(np.pad(left, around, mode="edge"), size) / median
-    return 1 + FEW * np.maximum(ratio - CHANCE, 0.0)
+    width = (1,) * (curve.ndim - 1) + (ROUGH_POOL,)
+    best, least = noise, np.inf
+    for shape in (noise, inside):
+        of_shape = beside_of(shape)
+        excess = ((left / median - CHANCE * of_noise) / of_shape).mean(axis=-1)
+        share = FEW * np.maximum(scipy.ndimage.median_filter(excess, width), 0.0)
+        expected = of_noise + share[..., None] * of_shape
+        # Of Student's t with two degrees of freedom: where a resonance bends, a few cubics leave far more.
+        unlikely = (np.log(expected) + 2 * np.log1p(left / expected)).sum(axis=(-1, -2))[..., None]
+        found = variance + np.pad(share, around, mode="edge") * shape
+        best, least = np.where(unlikely < least, found, best), np.minimum(unlikely, least)
+    return best
 
 
 def instrumented_response(output: np.ndarray, source: np.ndarray, instrument: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.lines.frequency_response import LOCAL, distortion_factor
+from estimation.lines.frequency_response import LOCAL, distorted_variance
 from maglev_lanes.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -26,7 +26,9 @@ CLEAR = 3.0  # standard deviations within which a line's own reading tells how l
 _MAKING = Lock()  # threads that need the kernel at the same time make it once
 
 
-def smooth_closed_loop(frequency: Array, response: Complex, variance: Array) -> tuple[Complex, Array]:
+def smooth_closed_loop(
+    frequency: Array, response: Complex, variance: Array, receptance: bool = False
+) -> tuple[Complex, Array]:
     """Sensitivities or receptances of closed loops whose inverses are smooth, and their variances.
 
     The largest |S| of noisy lines is that of the line which noise raised most, and a gain margin that of the first
@@ -39,6 +41,7 @@ def smooth_closed_loop(frequency: Array, response: Complex, variance: Array) -> 
         frequency: Increasing, (f,), Hz, f >= 4.
         response: (n, f).
         variance: Of its noise, E|noise|^2, (n, f). Where a loop has none at all, it is returned unchanged.
+        receptance: Whether the responses are receptances.
     """
     inverse = 1 / response
     # A line that noise made small weighs too little at first: its size is that of the first curve. That curve misses
@@ -48,7 +51,10 @@ def smooth_closed_loop(frequency: Array, response: Complex, variance: Array) -> 
     noise = variance / np.clip(1 / np.abs(first), size - doubt, size + doubt) ** 4
     curve, spread = smooth_responses(frequency, inverse, noise)
     if frequency.size >= LOCAL:
-        spread = spread * distortion_factor(frequency, inverse, noise)
+        # Of a disturbance in proportion to the excitation, d: dS = (1 - S) d, or that share of a receptance.
+        inside = np.abs(curve * (1 if receptance else curve - 1)) ** 2
+        total = distorted_variance(frequency, inverse, noise, inside)
+        spread = spread * np.divide(total, noise, out=np.ones_like(noise), where=noise > 0)
     return 1 / curve, spread / np.abs(curve) ** 4
 
 

@@ -12,9 +12,11 @@ from typing import Literal
 import numpy as np
 import scipy
 
+from estimation.band_mean import PARTNERS
 from estimation.bands import band_slices
 from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
+from estimation.xy.planar_distortion import distorted
 from estimation.xy.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
 
 CONDITION_LIMIT = 30.0  # Belsley, Kuh and Welsch 1980: above this condition number collinearity does harm
@@ -167,6 +169,7 @@ def eight_coefficients(
     found, ends = np.full((*size, 35), np.nan), np.full((*size, 8, 2), np.nan)
     share, condition, fit_p = (np.full(size, np.nan) for _ in range(3))
     factors = np.full((*size, 4), np.nan)
+    moved = sum((np.abs(r.amplitude(name)) ** 2).sum(-1).reshape(-1) for r in records for name in CHANNELS[2:])
     for b, edges in enumerate(bands):
         lines = planar_lines(records, edges)
         moments, noise = _moments(lines, masses)
@@ -179,6 +182,16 @@ def eight_coefficients(
         # Two starting points: the moment estimator corrected for noise, and plain least squares.
         starts = np.stack([_row_solutions(moments[ok] - part * noise[ok]) for part in (1, 0)], axis=1)
         found[ok, b], ends[ok, b] = _search(some, masses[ok], starts, level if intervals else None)
+        # Where the law is not linear, once more with what it scatters as noise; cost and fit stay those of the noise.
+        rough, excess = distorted(some, masses[ok], found[ok, b, :8])
+        bent, excess, first = np.flatnonzero(ok)[excess > 0], excess[excess > 0], starts[excess > 0]
+        if bent.size:
+            first = np.concatenate([first, found[bent, b, None, :8]], axis=1)
+            again, ends[bent, b] = _search(rough, masses[bent], first, level if intervals else None)
+            wider = np.sqrt(1 + PARTNERS * excess * (np.abs(rough.u[..., 2:]) ** 2).sum((1, 2)) / moved[bent])[:, None]
+            again[:, 8:12] *= wider
+            ends[bent, b, :4] = again[:, :4, None] + (ends[bent, b, :4] - again[:, :4, None]) * wider[..., None]
+            found[bent, b, :32] = again[:, :32]
         fit_p[ok, b] = _fit_p(found[ok, b, 32:], np.bincount(lines.record), lines.periods)
 
     def matrices(values: np.ndarray) -> Iterator[np.ndarray]:

@@ -255,7 +255,7 @@ def _compliance(force: LineStatistics, requirement: Requirement | None) -> Measu
             f"{frequency[-1]:g} Hz"
         )
     response, variance = frequency_response(force, "displacement", "force")
-    response, variance = smooth_closed_loop(frequency, response, pooled_variance(variance))
+    response, variance = smooth_closed_loop(frequency, response, pooled_variance(variance), receptance=True)
     size = np.abs(response[:, inside])
     at = np.arange(len(size)), size.argmax(axis=1)
     return _with_error(size[at], np.sqrt(variance[:, inside][at] / 2))

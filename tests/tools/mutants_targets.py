@@ -19,6 +19,7 @@ LIKELIHOOD = ("test_max_likelihood.py", "test_coverage.py")
 LIKELIHOOD_ALONE = "max_likelihood or fit_p or shows_a_frequency"
 LINEAR = ("test_linear_effects.py", "test_linear.py")
 LANES = (*LINEAR, "test_effects_simulated.py")
+PLANAR = ("test_planar.py", "test_planar_coverage.py")
 ROTOR = ("test_rotor_linear.py", "test_rotor_quantities.py")
 
 TARGETS: tuple[Target, ...] = (
@@ -54,8 +55,9 @@ TARGETS: tuple[Target, ...] = (
     Target("estimation/multisine/sphs.py", 5, ("test_sphs.py",)),
     Target("estimation/multisine/low_crest.py", 2, ("test_low_crest.py",)),
     Target("estimation/xy/planar_least_squares.py", 4, ("test_planar_least_squares.py",)),
-    Target("estimation/xy/planar_likelihood.py", 6, ("test_planar.py", "test_planar_coverage.py")),
-    Target("estimation/xy/planar.py", 3, ("test_planar.py", "test_planar_coverage.py")),
+    Target("estimation/xy/planar_likelihood.py", 6, PLANAR),
+    Target("estimation/xy/planar.py", 3, PLANAR),
+    Target("estimation/xy/planar_distortion.py", 5, (*PLANAR, "test_planar_distortion.py"), slow=True),
     Target("maglev_lanes/noise.py", 3, ("test_simulate.py", "test_defaults.py"), "noise"),
     Target("maglev_lanes/line_spectra.py", 3, ("test_line_spectra.py",)),
     Target("maglev_lanes/period_statistics.py", 4, ("test_line_spectra.py",)),
@@ -102,6 +104,8 @@ TARGETS: tuple[Target, ...] = (
 # Sampled mutants that no test can find, because what they change decides nothing: how far a search goes on, what a
 # graceful limit is. Each with its reason.
 EQUIVALENT: Mapping[str, str] = {
+    "smooth_loop.smooth: - -> + in m - 2": "fills two places that nothing reads",
+    "stability_margins._intervals: + -> - in centre + noise[0] + 1j * noise[1]": "the sign of symmetric noise",
     "band_mean.band_mean: + -> - in abs(start[0]) / w.mean() + mass * w.mean()": "scales the search",
     "band_mean.variance: + -> - in sff + floor": "the floor is 1e-12 of the force and serves records without noise",
     "change_charts.cusum_threshold: * -> / in 2 * allowance ** 2": "an upper end of a search",

@@ -97,5 +97,6 @@ class Crossed:
 CROSSED: Mapping[str, Crossed] = {
     "crossed": Crossed("x-y: the preset hmb_radial, pushed along x, then y"),
     "crossed_large": Crossed("the same with three times the force", amplitude=3.0),
+    "crossed_bent": Crossed("the same with ten times the force, which the magnets' law bends", amplitude=10.0),
     "crossed_turning": Crossed("the same with a rotor at 6,000 to 8,000 rpm", bench=Disturbed(turning=True)),
 }

@@ -163,6 +163,24 @@ def test_scatter_between_lines_that_noise_does_not_explain_widens_a_loops_varian
     assert 28 < rough < 37  # 25 times the variance that the periods show, and 1.3 times for few degrees of freedom
 
 
+def test_distortion_inside_the_rig_counts_most_where_its_loop_gain_is_large():
+    """Of a disturbance d in proportion to the injection, dS = (1 - S) d: beside the noise it falls a thousandfold."""
+    rng = np.random.default_rng(2)
+    f = np.unique(np.r_[np.arange(5.0, 250.0, 5.0), np.geomspace(260.0, 2000.0, 42)])
+    s = 2j * np.pi * f / (2 * np.pi * 60.0)
+    clean = 1 / (1 + (2.2 + 1.6 * s) / (s**2 - 1))  # of an unstable plant
+    noise = 1e-6 * np.abs(clean) ** 2
+    disturbed = (0.15 * np.abs(1 - clean)) ** 2
+    claims = []
+    for _ in range(60):
+        normal = (rng.standard_normal((2, f.size)) + 1j * rng.standard_normal((2, f.size))) / np.sqrt(2)
+        own = np.sqrt(noise) * normal[0] + np.sqrt(disturbed) * normal[1]
+        claims.append(loop_variance(f, clean + own, noise))
+    ratio = np.median(claims, axis=0) / (noise + disturbed)
+    assert ratio[1:].min() > 0.85 and ratio[0] > 0.65  # at an end of the lines smooth curves bend with the noise
+    assert np.median(ratio) < 1.4 and ratio.max() < 2.6
+
+
 @pytest.mark.parametrize("more", [1.0, 3.0, 30.0])
 def test_noise_that_one_line_has_for_itself_counts_there(more):
     """A tone at one line: periods are drawn, and the claim is compared with the variance that they were drawn with."""
@@ -171,13 +189,14 @@ def test_noise_that_one_line_has_for_itself_counts_there(more):
     truth = 1e-6 * np.abs(clean) ** 2
     truth[at] *= more
     claims = []
-    for _ in range(60):
+    for _ in range(120):
         normal = rng.standard_normal((2, periods, f.size)) * np.sqrt(truth * periods / 2)
         drawn = clean + normal[0] + 1j * normal[1]
         claims.append(loop_variance(f, drawn.mean(axis=0), drawn.var(axis=0, ddof=1) / periods))
     ratio = np.median(claims, axis=0) / truth
     if more > 10:
-        assert ratio[at] == pytest.approx(1.0, abs=0.25)  # the mean of seven lines has a fifth of it
+        # The mean of seven lines has a fifth of it.
+        assert np.mean(claims, axis=0)[at] / truth[at] == pytest.approx(1.0, abs=0.12)
     else:
         assert 0.4 < ratio[at] < 1.3
     assert np.median(ratio[np.abs(np.arange(f.size) - at) > 5]) == pytest.approx(1.0, abs=0.12)

@@ -421,3 +421,9 @@ def test_too_few_lines_are_named():
         eight_coefficients(s, BAND, MASS)
     with pytest.raises(ValueError, match="holds 2 lines of all records and needs 3"):
         planar_least_squares(s, BAND, MASS)
+
+
+@pytest.mark.parametrize("ratio", [5, 30])
+def test_the_noise_share_is_that_of_the_displacement_that_was_drawn(ratio):
+    found = eight_coefficients(diagonal_records(ratio, 200, seed=14), BAND, MASS, intervals=False)
+    assert np.median(found.noise_share) == pytest.approx(1 / (1 + ratio**2), rel=0.1)

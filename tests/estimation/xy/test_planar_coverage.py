@@ -144,3 +144,26 @@ def test_motion_well_above_its_noise_is_always_identifiable():
     for ratio in (50, 3):
         s, bands = two_records(70.0, ratio, 500, seed=10)
         assert eight_coefficients(s, bands, MASS, intervals=False).identifiable.all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("centre", [30.0, 70.0])
+def test_intervals_cover_where_a_force_that_is_not_recorded_differs_from_line_to_line(centre):
+    """As that of a law which is not linear: it repeats with the period, so that the noise does not tell of it."""
+    f, bands = band_of(centre)
+    s, rng = [planar_record(f, d, noise_levels(f, 1000)) for d in DIAGONALS], np.random.default_rng(11)
+    w = 2 * np.pi * f[:, None, None]
+    moves = np.linalg.inv(STIFFNESS - np.eye(2) * MASS * w**2 + 1j * w * DAMPING)
+    records = []
+    for i, one in enumerate(s):
+        drawn = draw(one, RECORDS, (12, i))
+        force = 0.02 * (rng.standard_normal((RECORDS, f.size, 2, 2)) @ np.array([1, 1j])) / np.sqrt(2)
+        drawn.mean[:, 2:] += np.moveaxis((moves @ force[..., None])[..., 0], 1, 2)
+        records.append(drawn)
+    e = eight_coefficients(records, bands, MASS)
+    for low, high, truth in ((e.stiffness_low, e.stiffness_high, STIFFNESS), (e.damping_low, e.damping_high, DAMPING)):
+        share = ((low <= truth) & (truth <= high)).mean(axis=(0, 1))
+        assert share.min() > 0.92, share
+    # Damping is no wider than it has to be; stiffness is, for lines that a law moves together.
+    assert share.max() < 0.985
+    assert 1.3 < (e.stiffness_se / e.stiffness.std(axis=0)).mean() < 2.3

@@ -64,3 +64,22 @@ def test_the_moment_of_a_step_scatters_as_its_error_says():
     at, errors = np.array(found).T
     assert abs(at.mean() - late) < 4 * at.std() / np.sqrt(40)
     assert np.median(errors) == pytest.approx(at.std(), rel=0.3)
+
+
+def test_the_noise_that_a_fit_leaves_is_counted_per_value_that_it_did_not_fit():
+    """Noise three times as large as claimed: of 5 lines, 10 numbers are fitted with a gain and a moment."""
+    lag, late, rng = 0.8, 0.4, np.random.default_rng(5)
+    command, read, _ = (values[:5] for values in currents(lag, late))
+    noise, ratios = 1e-3 * abs(read).max(), []
+    for _ in range(24):
+        drawn = read + noise * (rng.standard_normal(5) + 1j * rng.standard_normal(5)) / np.sqrt(2)
+        found = []
+        for claimed in (noise / 3, 30 * noise):  # noise that is less than claimed does not narrow the error
+            covariance = np.zeros((2, 2, 5), complex)
+            covariance[0, 0] = claimed**2
+            lines = LineStatistics(
+                X[:5] * RATE, LINES[:5], ("current", "command"), np.stack([drawn, command]), covariance, 10
+            )
+            found.append(step_after_reading(lines, RATE, lag / RATE, 1e-6)[1] / claimed)
+        ratios.append((found[0] / found[1]) ** 2)
+    assert np.mean(ratios) == pytest.approx(9.0, rel=0.25)

@@ -269,3 +269,11 @@ def test_an_eccentric_rotor_touches_down_before_it_meets_a_pole():
     far = replace(ideal(), effects=effect("eccentricity", 0.999e-3))
     found = simulate_statistics([replace(far, periods=2)])
     assert found.touchdown_time[0] < 1e-3
+
+
+@pytest.mark.parametrize(("eccentricity", "meets"), [(0.235e-3, True), (0.15e-3, False)])
+def test_poles_that_are_nearer_are_met_earlier(eccentricity, meets):
+    """A pull that grows by half because the magnets are nearer: two thirds of the gap of 0.35 mm are left."""
+    nearer = effect("negative_stiffness", change=0.5, distance_share=1.0) | effect("eccentricity", eccentricity)
+    found = simulate_statistics([replace(ideal(), effects=nearer, periods=2)])
+    assert (found.touchdown_time[0] < 2e-4) == meets

@@ -167,3 +167,15 @@ def test_without_periods_a_drift_is_fitted_and_explains_nothing_where_there_is_n
 def test_a_rate_is_held_against_that_of_the_periods(shown, rate, cost):
     drift = Drift(0.1, 0.01, 100.0, 0.0, shown)
     assert drift.against(rate, 0.0) == pytest.approx(cost)
+
+
+def test_trends_of_noise_scatter_as_they_are_said_to(tmp_path, monkeypatch):
+    """What all trends weigh beyond their expectation, of trends twice as powerful as their noise."""
+    (part,), rng, found = problem(tmp_path, seeds=(0,)).parts, np.random.default_rng(9), []
+    slopes, variance = drift_module.trends(part.record, part)
+    for _ in range(60):
+        drawn = rng.standard_normal(slopes.shape) + 1j * rng.standard_normal(slopes.shape)
+        monkeypatch.setattr(drift_module, "trends", lambda *_, drawn=drawn: (drawn * np.sqrt(variance), variance))
+        found.append(_slope(part, NOMINAL)[2:])
+    beyond, scatter = np.array(found).T
+    assert beyond.std() / 2 == pytest.approx(scatter[0], rel=0.25)
