@@ -11,6 +11,7 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 from sim2real.compared.problem import Problem
 from sim2real.judgement.nonstationary import widening
+from sim2real.noise_in_drive import told_by_noise
 from sim2real.one_sided import bounded_spread
 from sim2real.recorded.at_rest.static_evidence import can_rest, of_weight
 from sim2real.recorded.open_record import OpenRecord
@@ -139,7 +140,7 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
     by_chance = standard_errors(by_curvature, fit, others, CHANCE)
     if any(c.effect == "actuator_gain" and s * c.scale > WEAK for c, s in zip(h.coordinates, by_chance, strict=False)):
         sd = by_chance
-    sd = sd * np.maximum(widening(problem, fit), factor)
+    sd = sd * np.maximum(widening(problem, fit), factor) * (np.inf if told_by_noise(problem, fit) else 1.0)
     heavier, covariance = _of_mass(rig, fit), fit.covariance()
     found = []
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):

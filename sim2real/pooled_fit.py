@@ -23,6 +23,7 @@ from sim2real.second_body import BODY
 
 MOST_STEPS = 20  # of one pass
 PASSES, MOST_PASSES = 2, 8  # of the fit to recordings without a period
+WORSE = 3.0  # -2 ln likelihood by which a pass may come out worse than the best one before it
 SETTLED = 0.3  # standard errors, widened for what the model leaves, that a coordinate may move in the last pass
 
 
@@ -53,6 +54,8 @@ def fitted(
     start = u
     least = PASSES if near is None else 1
     opened, stood = any(isinstance(r, OpenRecord) for r in records), None
+    best: tuple[float, Problem, np.ndarray] | None = None
+    beyond: list[tuple[Fit, float]] = []
     for count in range(1, (MOST_PASSES if opened else least) + 1):
         (fit,) = begin([h], [u], problem.data, problem.simulate)
         if not np.isfinite(fit.cost):
@@ -64,6 +67,13 @@ def fitted(
             if (found := where_it_stands(problem, h)) is None:
                 raise ValueError(_lost(rig, records, problem, h, u))
             fit = found
+        reached = fit.cost + problem.log_noise
+        if best is not None and reached > best[0] + WORSE:
+            # Errors of a measured drive that are put right further only look like a gain from the pass before.
+            beyond.append((fit, reached - best[0]))
+            _, problem, u = best
+            break
+        best = (reached, problem, u) if opened and (best is None or reached < best[0]) else best
         iterate([fit], problem.data, problem.simulate, MOST_STEPS)
         before, u = u, fit.u
         stood = problem, u
@@ -76,6 +86,7 @@ def fitted(
     problem, u = _opened_nearer(problem, h, u, start)
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
+    others += [replace(other, cost=fit.cost + more) for other, more in beyond]
     differentiate([fit], problem.data, problem.simulate, True)
     return problem, fit, [*others, *held_at_nominal(problem, fit)]
 
