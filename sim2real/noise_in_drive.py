@@ -13,7 +13,7 @@ import numpy as np
 from sim2real.compared.problem import Part, Problem
 from sim2real.search.fitting import Fit, differentiate
 
-# Share of what tells a coordinate from which an answer to noise leaves it untold. On a shaken rotor whose gain came out up
+# Share of what tells a coordinate from which an answer to noise leaves it untold. On a shaken rotor whose gain was up
 # to nine standard errors off it is a fifth to a half; where estimates are right, next to nothing.
 MUCH = 0.3
 
