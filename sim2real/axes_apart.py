@@ -13,7 +13,7 @@ from scipy import stats
 
 from maglev_env.loop.axes import AXES
 from maglev_env.rig.rig import Rig
-from sim2real.coefficients import Coefficient, coefficients_of, misfit
+from sim2real.coefficients import Coefficient, coefficients_alone, coefficients_of, misfit
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
 from sim2real.search.fitting import Fit, cost_of, differentiate, iterate
@@ -68,7 +68,7 @@ def _along(rig: Rig, problem: Problem, fit: Fit, axis: int) -> tuple[Coefficient
     own = problem.axis == axis
     alone = fit_of_rows(problem, fit, own)
     louder = np.sqrt(max(misfit(alone) / own.mean(), 1.0))
-    return tuple(c.with_error(c.se * float(louder)) for c in coefficients_of(rig, problem, alone, []))
+    return tuple(c.with_error(c.se * float(louder)) for c in coefficients_alone(rig, problem, alone, []))
 
 
 def fit_of_rows(problem: Problem, fit: Fit, rows: np.ndarray) -> Fit:

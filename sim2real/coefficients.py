@@ -132,7 +132,20 @@ def _of_mass(rig: Rig, fit: Fit) -> dict[str, tuple[int, float, float]]:
 
 
 def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
-    """Coefficients of a fit; `others` are points that its intervals must not exclude more than the likelihood does."""
+    """Coefficients of a fit to all of a problem; none is bounded where noise in a measured drive tells too much of one.
+
+    Args:
+        rig: the nominal one.
+        problem: the problem.
+        fit: its fit, with derivatives.
+        others: points that its intervals must not exclude more than the likelihood does.
+    """
+    found = coefficients_alone(rig, problem, fit, others)
+    return tuple(replace(c, bounded=False) for c in found) if told_by_noise(problem, fit) else found
+
+
+def coefficients_alone(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
+    """As `coefficients_of`, whatever tells them; the fit may be of a part of the problem."""
     h, lack = fit.hypothesis, misfit(fit)
     factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
     by_curvature = bounded_spread(fit, fit.spread)
@@ -140,7 +153,7 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
     by_chance = standard_errors(by_curvature, fit, others, CHANCE)
     if any(c.effect == "actuator_gain" and s * c.scale > WEAK for c, s in zip(h.coordinates, by_chance, strict=False)):
         sd = by_chance
-    sd = sd * np.maximum(widening(problem, fit), factor) * (np.inf if told_by_noise(problem, fit) else 1.0)
+    sd = sd * np.maximum(widening(problem, fit), factor)
     heavier, covariance = _of_mass(rig, fit), fit.covariance()
     found = []
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):

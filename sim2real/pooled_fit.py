@@ -55,7 +55,6 @@ def fitted(
     least = PASSES if near is None else 1
     opened, stood = any(isinstance(r, OpenRecord) for r in records), None
     best: tuple[float, Problem, np.ndarray] | None = None
-    beyond: list[tuple[Fit, float]] = []
     for count in range(1, (MOST_PASSES if opened else least) + 1):
         (fit,) = begin([h], [u], problem.data, problem.simulate)
         if not np.isfinite(fit.cost):
@@ -66,14 +65,13 @@ def fitted(
                 break
             if (found := where_it_stands(problem, h)) is None:
                 raise ValueError(_lost(rig, records, problem, h, u))
-            fit = found
+            fit, u = found, found.u
         reached = fit.cost + problem.log_noise
         if best is not None and reached > best[0] + WORSE:
-            # Errors of a measured drive that are put right further only look like a gain from the pass before.
-            beyond.append((fit, reached - best[0]))
-            _, problem, u = best
+            problem, u = _followed_less_far(*best[1:], h)
             break
-        best = (reached, problem, u) if opened and (best is None or reached < best[0]) else best
+        if opened and (best is None or reached < best[0]):
+            best = reached, problem if stood is None else stood[0], u
         iterate([fit], problem.data, problem.simulate, MOST_STEPS)
         before, u = u, fit.u
         stood = problem, u
@@ -83,12 +81,27 @@ def fitted(
         moved = np.abs(u - before) / sure
         if count >= least and (moved < SETTLED).all():
             break
+    else:
+        (fit,) = begin([h], [u], problem.data, problem.simulate)
+        if best is not None and fit.cost + problem.log_noise > best[0] + WORSE:
+            problem, u = _followed_less_far(*best[1:], h)
     problem, u = _opened_nearer(problem, h, u, start)
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
-    others += [replace(other, cost=fit.cost + more) for other, more in beyond]
     differentiate([fit], problem.data, problem.simulate, True)
     return problem, fit, [*others, *held_at_nominal(problem, fit)]
+
+
+def _followed_less_far(problem: Problem, u: np.ndarray, h: Hypothesis) -> tuple[Problem, np.ndarray]:
+    """The problem in which the likeliest point (size,) was found, with the noise that is left there, and its fit.
+
+    Errors of a measured drive that are put right further only looked like a gain from there. Problems about points
+    along a bent valley each end a step further in it, while what is left of the records grows.
+    """
+    problem = problem.again(h.point(u))
+    (fit,) = begin([h], [u], problem.data, problem.simulate)
+    iterate([fit], problem.data, problem.simulate, MOST_STEPS)
+    return problem, fit.u
 
 
 def _opened_nearer(problem: Problem, h: Hypothesis, u: np.ndarray, start: np.ndarray) -> tuple[Problem, np.ndarray]:

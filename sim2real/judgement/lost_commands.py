@@ -121,4 +121,4 @@ def louder_along(part: Part, record: OpenRecord, lost: float) -> np.ndarray:
     noise = w.noise(w.spectrum(drawn), record.drives)
     louder = noise.explained.mean(axis=0) / np.maximum(noise.rank, 1) / np.maximum(noise.variance.mean(axis=0), 1e-300)
     share = scatter_ratio(part, record, lost).reshape(*louder.shape, -1).mean(axis=-1)
-    return 1 + np.minimum(share, 1.0) * (louder - 1)
+    return np.where(noise.rank > 0, 1 + np.minimum(share, 1.0) * (louder - 1), 1.0)  # nothing drives some windows

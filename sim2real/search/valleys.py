@@ -16,8 +16,8 @@ WIDE = 0.05  # relative standard error from which a valley may be bent
 BEYOND = 0.15  # relative change from which it may be, however narrow the valley is at the fit
 FAR = 2.0  # standard errors from the nominal value within which intervals reach it anyway
 STEPS = 8  # of a fit along the valley
-# What the best of all resonances that noise makes saves, in one recording of hundreds. Measured: 26 in one of 260
-# recordings of nothing but noise, 16 to 19 in one of fifty.
+# What the best of all resonances that noise makes saves, rarely more: of recordings of nothing but noise it was 16 to
+# 19 in one of fifty, and 26 in one of 260.
 CHANCE = 25.0
 # Share of the cost by the curvature that the other end must hope to come below to be followed further: it then widens
 # an interval by more than a twentieth.

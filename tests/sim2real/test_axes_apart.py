@@ -57,7 +57,8 @@ def test_each_axis_is_fitted_by_what_shows_along_it(monkeypatch, apart, differ):
         se = float(np.sqrt(fit.covariance()[0, 0])) * 10.0
         return (_gain(100 * (1 + 0.1 * float(fit.u[0])), se),)
 
-    monkeypatch.setattr(axes_apart, "coefficients_of", coefficients)
+    for name in ("coefficients_of", "coefficients_alone"):
+        monkeypatch.setattr(axes_apart, name, coefficients)
     rig = replace(load_rig("hmb_radial"), tolerance={})
     (found,), said = along_both(rig, problem, fit, [])
     assert bool(said) is differ

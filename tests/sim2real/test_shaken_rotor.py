@@ -90,8 +90,11 @@ def campaign(folder, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [5, 6])
-def test_what_only_noise_in_a_measured_drive_would_tell_is_not_bounded(tmp_path, seed):
-    """Gain, damping and springs together do next to nothing here: the gain had come out as 31.9 +- 0.9 of 40 N/A."""
-    found = pooled(read_records(campaign(tmp_path, seed))[1]).coefficients
-    assert not any(c.identified for c in found if c.name != "delay")
+@pytest.mark.parametrize("seed", [3, 6])
+def test_what_a_shaken_rotor_tells_is_true_and_the_rest_is_not_bounded(tmp_path, seed):
+    """Gain, damping and springs together do next to nothing here. The gain had come out as 34.5 +- 1.2 of 40 N/A, and
+    from pass to pass errors of the current's readings had carried it away."""
+    found = {c.name: c for c in pooled(read_records(campaign(tmp_path, seed))[1]).coefficients}
+    for name, truth in (("actuator_gain", GAIN), ("negative_stiffness", PULL), ("damping", DAMPING)):
+        c = found[name]
+        assert c.se > 0.03 * abs(truth) and (not c.identified or abs(c.value - truth) < 3 * c.se), name

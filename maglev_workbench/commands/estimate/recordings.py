@@ -83,7 +83,7 @@ def identify_campaign(
         try:
             found.axes.extend(_axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap))
         except ValueError as error:
-            if campaign.rig is None or not campaign.rig.controlled or estimate_mass:
+            if campaign.rig is None or estimate_mass:
                 raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
             found.open.append(spec.file)  # of a named rig the simulation may still tell what a response does not
             why[spec.file] = str(error)

@@ -182,7 +182,7 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
         multiple, every = sampling(spec.sample_rate, rig.control_rate)
     except ValueError:
         multiple, every = 1, 0
-    force_held = spec.intersample == "zoh" and every <= 1
+    force_held = _holds(spec, every)
     free = not rig.controlled and not force_held  # it is simulated in steps as fine as its motion needs
     if (
         known
@@ -206,7 +206,10 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
         if any(
             np.ptp(channels[name], axis=1).any() for name in ("force", "injection", "reference") if name in channels
         ):
-            return Drive(e, force_held=force_held, multiple=multiple)
+            between = "held" if force_held else "continuous"
+            pushed = "force" in channels and np.ptp(channels["force"], axis=1).any()
+            notes = (f"the force is taken as {between} between samples",) if pushed else ()
+            return Drive(e, force_held=force_held, multiple=multiple, notes=notes)
     source = next((name for name in ("current", "command") if rig.controlled and name in channels), None)
     if source is None and rig.controlled:
         raise TellsNothing(
@@ -215,6 +218,12 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
             "follows), or the injection, reference or force",
         )
     return _stood_in(rig, spec, channels, source, every)
+
+
+def _holds(spec: RecordingSpec, every: int) -> bool:
+    """Whether a converter holds the force over the control step, as of `recordings.signals`: stated, or designed."""
+    designed = any(e.periodic for e in spec.excitations if e.at == "force")
+    return every <= 1 and (spec.intersample == "zoh" or (spec.intersample is None and designed))
 
 
 def _stood_in(
@@ -239,12 +248,14 @@ def _stood_in(
         effects={name: values for name, values in rig.effects.items() if name not in upstream},
     )
     # A converter holds for a control step; a recording that is slower than the controller shows nothing held.
-    stated = spec.intersample == "zoh" and every <= 1
-    held = stated or (spec.intersample is None and source == "command" and every == 1)
+    force_held = _holds(spec, every)
+    held = (spec.intersample == "zoh" and every <= 1) or (
+        spec.intersample is None and source == "command" and every == 1
+    )
     if source is None:
         e = without_noise(Experiment(rig, NO_CONTROLLER, (), speed_rpm=spec.speed_rpm))
-        note = f"the force is taken as {'held' if stated else 'continuous'} between samples"
-        return Drive(e, held=held, force_held=stated, every=finer, notes=(note,))
+        note = f"the force is taken as {'held' if force_held else 'continuous'} between samples"
+        return Drive(e, held=held, force_held=force_held, every=finer, notes=(note,))
     y = channels["displacement"]
     reference = channels.get("reference", np.zeros_like(y))
     controllers, how = [], []
@@ -258,4 +269,4 @@ def _stood_in(
         f"the recorded {source} drives the simulation ({'held' if held else 'straight lines'} between samples); "
         f"{' and '.join(sorted(set(how)))} stands in for the controller"
     )
-    return Drive(e, source, True, held, stated, every=finer, upstream=upstream, notes=(note,))
+    return Drive(e, source, True, held, force_held, every=finer, upstream=upstream, notes=(note,))

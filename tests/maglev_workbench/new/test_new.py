@@ -187,8 +187,14 @@ def test_columns_that_nothing_names_are_what_the_user_says(tmp_path):
     maglev("new", tmp_path, "--rate", 600, "--magnet", "none", *stated)
     (recording,) = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
     assert recording["channels"] == {"force": {"from": "V1"}, "displacement": {"from": "V2", "scale": 1e-3}}
-    for wrong, why in {"V4=force": "no file has such a column; there are V1", "V1=flow": "flow", "V1": "write"}.items():
-        assert why in maglev("new", tmp_path, "--rate", 600, "--force", *stated, "--channel", wrong, code=2)
+    wrong = {
+        "V4=force": "no file has such a column; there are V1",
+        "V1=flow": "flow",
+        "V1": "write",
+        "V3=force": "force is stated of 2 columns (V1, V3)",
+    }
+    for told, why in wrong.items():
+        assert why in maglev("new", tmp_path, "--rate", 600, "--force", *stated, "--channel", told, code=2)
 
 
 def test_a_stated_scale_and_zero_go_into_channels_and_gains(tmp_path):

@@ -1,5 +1,6 @@
 """Which column of a file is which channel: by names, by units, and by what the values do."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -41,14 +42,26 @@ def guess_columns(found: Contents, channels: Mapping[str, str] | None = None) ->
     guesses = _one_each(guesses)
     guesses = _voltage(_not_a_length(guesses, units, values), units, values)
     guesses = opposed(_freed(guesses, named), named, units, values)
-    guesses = by_behaviour(guesses, values, units) | fixed
+    guesses = by_behaviour(guesses, values, units)
+    stated = {g.channel for g in fixed.values()} - {""}
+    guesses = {n: fixed.get(n) or (replace(g, channel="") if g.channel in stated else g) for n, g in guesses.items()}
     guesses = {n: g if n in fixed else _resting(g, values[n]) for n, g in guesses.items()}
     return tuple(scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
 
 
 def _as_stated(guesses: Mapping[str, ColumnGuess], channels: Mapping[str, str]) -> dict[str, ColumnGuess]:
-    """The columns of which the user states what they are."""
+    """The columns of which the user states what they are.
+
+    Raises:
+        ValueError: a channel is stated of two columns of the file.
+    """
     told = {n: channels.get(g.label, channels.get(n)) for n, g in guesses.items()}
+    for channel, count in Counter(told.values()).items():
+        if channel not in (None, UNUSED) and count > 1:
+            both = ", ".join(guesses[n].label for n, own in told.items() if own == channel)
+            raise ValueError(
+                f"{channel} is stated of {count} columns ({both}); state one of them, and of others unused"
+            )
     return {
         n: replace(
             g, channel="" if told[n] == UNUSED else told[n], reason=f"{told[n]}: stated", confidence=STATED, ask=""
