@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from maglev_workbench.options import DocsOption, JsonOption, SeedOption, friendly
+from maglev_workbench.options import DocsOption, JsonOption, SeedOption, friendly, require_folder
 
 app = typer.Typer()
 
@@ -38,6 +38,8 @@ def coverage(
     from maglev_workbench.console import console, progress_bar, write_json
 
     chosen = named(condition or [])
+    if out is not None:
+        require_folder(out)
     from maglev_workbench.commands.coverage.kept import kept
     from maglev_workbench.commands.coverage.report import coverage_json, coverage_markdown, coverage_table
     from maglev_workbench.commands.coverage.study import coverage as counted
