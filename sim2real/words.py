@@ -7,6 +7,7 @@ from maglev_env.units import prefixed
 
 AT_BOUND = "at its bound, not identified"
 _DIGITS = 4
+LARGE = 1e6  # from which a value has a power of ten, in units without a prefix
 NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
 
 
@@ -41,6 +42,9 @@ def fitted_quantity(at: Fitted, unit: str, is_change: bool, errors: float = 1.0)
 def _with_se(value: float, se: float | None, sign: str = "") -> str:
     if not se or not isfinite(se) or se < NO_ERROR * abs(value):
         return f"{value:{sign}.3g}"
+    if abs(value) >= LARGE:
+        power = floor(log10(abs(value)))
+        return f"({_with_se(value / 10.0**power, se / 10.0**power, sign)})e{power}"
     places = 1 - floor(log10(se))
     if value:
         places = min(places, _DIGITS - 1 - floor(log10(abs(value))))
