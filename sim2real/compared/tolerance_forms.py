@@ -8,9 +8,8 @@ records tell). Below a single magnet they make harmonics that stand far above th
 other has not is a nuisance of one standard deviation of the tolerance.
 
 An amplifier's lag has no stated form either. Its time constant says by how much the current comes later; that it does
-so through a single pole is the model's. A current loop has two or three. Without this
-nuisance, an effect beside such a lag leaves more than noise between command and current, for which no name but an
-unknown cause is left.
+so through a single pole is the model's. A current loop has two or three. Without this nuisance, an effect beside such a
+lag leaves more than noise between command and current, for which no name but an unknown cause is left.
 """
 
 from collections.abc import Mapping

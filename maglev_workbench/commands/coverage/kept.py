@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +31,7 @@ def kept(
         return _read(path, made_by)
     folder.mkdir(parents=True, exist_ok=True)
     rows = count()
-    shown = [{f.name: getattr(row, f.name) for f in fields(row)} for row in rows]
-    write_text_atomic(path, json.dumps({**made_by, "rows": shown}, indent=1) + "\n")
+    write_text_atomic(path, json.dumps({**made_by, "rows": [vars(row) for row in rows]}, indent=1) + "\n")
     return rows
 
 

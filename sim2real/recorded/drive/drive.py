@@ -183,13 +183,9 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
     except ValueError:
         multiple, every = 1, 0
     force_held = _holds(spec, every)
-    free = not rig.controlled and not force_held  # it is simulated in steps as fine as its motion needs
-    if (
-        known
-        and every == 1
-        and not free
-        and (spec.gains is not None or rig.support_stiffness > 0 or not rig.controlled)
-    ):
+    # Without magnets, what a continuous force moves is simulated in steps as fine as its motion needs.
+    stands = spec.gains is not None or rig.support_stiffness > 0 if rig.controlled else force_held
+    if known and every == 1 and stands:
         gains = spec.gains if spec.gains is not None else NO_CONTROLLER
         if not rig.adc_bits and not rig.dac_bits:  # ideal converters have no range either
             rig = replace(rig, voltage_range=UNLIMITED)
@@ -206,9 +202,8 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
         if any(
             np.ptp(channels[name], axis=1).any() for name in ("force", "injection", "reference") if name in channels
         ):
-            between = "held" if force_held else "continuous"
             pushed = "force" in channels and np.ptp(channels["force"], axis=1).any()
-            notes = (f"the force is taken as {between} between samples",) if pushed else ()
+            notes = (_force_in_words(force_held),) if pushed else ()
             return Drive(e, force_held=force_held, multiple=multiple, notes=notes)
     source = next((name for name in ("current", "command") if rig.controlled and name in channels), None)
     if source is None and rig.controlled:
@@ -224,6 +219,10 @@ def _holds(spec: RecordingSpec, every: int) -> bool:
     """Whether a converter holds the force over the control step, as of `recordings.signals`: stated, or designed."""
     designed = any(e.periodic for e in spec.excitations if e.at == "force")
     return every <= 1 and (spec.intersample == "zoh" or (spec.intersample is None and designed))
+
+
+def _force_in_words(held: bool) -> str:
+    return f"the force is taken as {'held' if held else 'continuous'} between samples"
 
 
 def _stood_in(
@@ -254,8 +253,7 @@ def _stood_in(
     )
     if source is None:
         e = without_noise(Experiment(rig, NO_CONTROLLER, (), speed_rpm=spec.speed_rpm))
-        note = f"the force is taken as {'held' if force_held else 'continuous'} between samples"
-        return Drive(e, held=held, force_held=force_held, every=finer, notes=(note,))
+        return Drive(e, held=held, force_held=force_held, every=finer, notes=(_force_in_words(force_held),))
     y = channels["displacement"]
     reference = channels.get("reference", np.zeros_like(y))
     controllers, how = [], []

@@ -43,9 +43,9 @@ def guess_columns(found: Contents, channels: Mapping[str, str] | None = None) ->
     guesses = _voltage(_not_a_length(guesses, units, values), units, values)
     guesses = opposed(_freed(guesses, named), named, units, values)
     guesses = by_behaviour(guesses, values, units)
-    stated = {g.channel for g in fixed.values()} - {""}
-    guesses = {n: fixed.get(n) or (replace(g, channel="") if g.channel in stated else g) for n, g in guesses.items()}
-    guesses = {n: g if n in fixed else _resting(g, values[n]) for n, g in guesses.items()}
+    stated = {g.channel for g in fixed.values()}
+    free = {n: replace(g, channel="") if g.channel in stated else g for n, g in guesses.items()}
+    guesses = {n: _resting(g, values[n]) for n, g in free.items()} | fixed
     return tuple(scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
 
 
