@@ -82,8 +82,7 @@ def fitted(
         if count >= least and (moved < SETTLED).all():
             break
     else:
-        (fit,) = begin([h], [u], problem.data, problem.simulate)
-        if best is not None and fit.cost + problem.log_noise > best[0] + WORSE:
+        if best is not None and _unlikely(problem, h, u) > best[0] + WORSE:
             problem, u = _followed_less_far(*best[1:], h)
     problem, u = _opened_nearer(problem, h, u, start)
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
@@ -118,12 +117,17 @@ def _opened_nearer(problem: Problem, h: Hypothesis, u: np.ndarray, start: np.nda
         if c.effect in UNITS and c.effect != "delay":
             back[i] = start[i]
     other = problem.about(h.point(back))
-    (fit,) = begin([h], [u], problem.data, problem.simulate)
-    (nearer,) = begin([h], [back], other.data, other.simulate)
-    if not nearer.cost + other.log_noise < fit.cost + problem.log_noise:
+    if not _unlikely(other, h, back) < _unlikely(problem, h, u):
         return problem, u
+    (nearer,) = begin([h], [back], other.data, other.simulate)
     iterate([nearer], other.data, other.simulate, MOST_STEPS)
     return other, nearer.u
+
+
+def _unlikely(problem: Problem, h: Hypothesis, u: np.ndarray) -> float:
+    """-2 ln of the likelihood of a point (size,), except for a constant of the records; inf where the rotor falls."""
+    (fit,) = begin([h], [u], problem.data, problem.simulate)
+    return fit.cost + problem.log_noise
 
 
 def _carried(h: Hypothesis, near: Fit) -> np.ndarray:

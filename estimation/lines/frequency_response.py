@@ -108,7 +108,9 @@ def distorted_variance(
         return np.einsum("...wl,wlk->...wk", whole(power, LOCAL, axis=-1), beside**2)
 
     largest = variance.max(axis=-1, keepdims=True)
-    noise = np.where(largest > 0, np.maximum(variance, 1e-12 * largest), 1.0)  # without any there is nothing to widen
+    noise = np.where(
+        largest > 0, np.maximum(variance, 1e-12 * largest), 1.0
+    )  # who calls keeps none where there is none
     of_noise = beside_of(noise)
     around = [(0, 0)] * (curve.ndim - 1) + [(LOCAL // 2, frequency.size - n - LOCAL // 2)]
     freedom = 2 * (LOCAL - CURVE)

@@ -6,6 +6,7 @@ By exact steps of the linear rig at the controller's rate; all channels are logg
 import numpy as np
 import pytest
 import scipy.signal
+from pushed_campaign import write_campaign
 
 from sim2real.pooled import pooled
 from sim2real.recorded.records import read_records
@@ -42,24 +43,6 @@ support_stiffness = 0.03
 actuator_gain = 0.05
 negative_stiffness = 0.05
 """
-CAMPAIGN = """\
-schema = "maglev-campaign/1"
-rig = "rig.toml"
-
-[[recording]]
-file = "run.npz"
-role = "fit"
-sample_rate = 2000.0
-
-[[recording.excitation]]
-kind = "recorded"
-at = "force"
-
-[recording.channels]
-displacement = { from = "displacement" }
-current = { from = "current" }
-force = { from = "force" }
-"""
 
 
 def campaign(folder, seed):
@@ -83,10 +66,7 @@ def campaign(folder, seed):
     measured = {"displacement": (states[:, 0], 3e-7), "current": (states[:, 2], 2e-3), "force": (force[:-1], 0.02)}
     columns = {name: scipy.signal.sosfilt(log, v)[::EVERY] for name, (v, _) in measured.items()}
     noisy = {name: v + measured[name][1] * rng.standard_normal(v.size) for name, v in columns.items()}
-    (folder / "rig.toml").write_text(RIG)
-    (folder / "campaign.toml").write_text(CAMPAIGN)
-    np.savez(folder / "run.npz", **noisy)
-    return folder
+    return write_campaign(folder, RIG, RATE / EVERY, noisy)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ By a general integrator; the force is a sum of sines, so that it is known betwee
 import numpy as np
 import pytest
 import scipy.integrate
+from pushed_campaign import write_campaign
 
 from sim2real.diagnosis import diagnose
 from sim2real.pooled import pooled
@@ -30,23 +31,6 @@ control_rate = 600.0
 mass = 0.01
 support_stiffness = 0.2
 """
-CAMPAIGN = """\
-schema = "maglev-campaign/1"
-rig = "rig.toml"
-
-[[recording]]
-file = "run.npz"
-role = "fit"
-sample_rate = 600.0
-
-[[recording.excitation]]
-kind = "recorded"
-at = "force"
-
-[recording.channels]
-force = { from = "force" }
-displacement = { from = "displacement" }
-"""
 
 
 def campaign(folder, cubic, rms):
@@ -63,10 +47,8 @@ def campaign(folder, cubic, rms):
         return v, (force(t)[0] - DAMPING * v - STIFFNESS * x - cubic * x**3) / MASS
 
     x = scipy.integrate.solve_ivp(slope, (0, time[-1]), (0, 0), t_eval=time, rtol=1e-7, atol=1e-11, max_step=1e-3).y[0]
-    (folder / "rig.toml").write_text(RIG)
-    (folder / "campaign.toml").write_text(CAMPAIGN)
-    np.savez(folder / "run.npz", force=force(time), displacement=x + 2e-8 * rng.standard_normal(SAMPLES))
-    return folder
+    columns = {"force": force(time), "displacement": x + 2e-8 * rng.standard_normal(SAMPLES)}
+    return write_campaign(folder, RIG, RATE, columns)
 
 
 @pytest.mark.slow
