@@ -14,6 +14,7 @@ from maglev_workbench.console import console, marked
 
 # Findings because of which a command leaves a recording out and uses the others.
 LEAVING_OUT = get_args(Code)
+_ONCE = ("effect", "quality")  # kinds of which the largest is shown for all recordings: nothing is refused for them
 _STYLE = {"contradiction": "bold red", "wiring": "bold yellow", "effect": "yellow", "quality": "yellow"}
 
 
@@ -44,14 +45,25 @@ def refusing(found: Iterable[Finding], allowed: Collection[str] = LEAVING_OUT) -
 
 
 def shown(found: Iterable[Finding]) -> list[dict[str, Any]]:
-    """Print findings, the same of several recordings once, and give them as the `warnings` of a command's JSON."""
+    """Print findings, those of several recordings once, and give them as the `warnings` of a command's JSON."""
     found = list(found)
     of: dict[Finding, list[str]] = {}  # a finding without its recording -> its recordings
     for finding in found:
         of.setdefault(replace(finding, recording=""), []).append(finding.recording)
+    alike: dict[Any, list[Finding]] = {}
     for finding, recordings in of.items():
-        console.print(line(replace(finding, recording=", ".join(dict.fromkeys(recordings)))), soft_wrap=True)
+        one = replace(finding, recording=", ".join(dict.fromkeys(recordings)))
+        alike.setdefault((one.code, one.channel, one.kind) if one.kind in _ONCE else one, []).append(one)
+    for those in alike.values():
+        console.print(line(_in_one(those)), soft_wrap=True)
     return as_data(found)
+
+
+def _in_one(those: list[Finding]) -> Finding:
+    """Findings of one rule as one: the largest in full, and where it is likewise."""
+    worst = max(those, key=lambda one: abs(one.value or 0.0))
+    others = "; ".join(one.recording for one in those if one is not worst)
+    return replace(worst, message=f"{worst.message} (likewise, though less: {others})") if others else worst
 
 
 def line(finding: Finding) -> Text:

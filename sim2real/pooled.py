@@ -5,7 +5,7 @@ the nominal rig within a tolerance stays a prior, so a scale that no recording t
 together, where no force is recorded) has the interval that the tolerances leave.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -45,7 +45,7 @@ class Pooled:
     Attributes:
         coefficients: What was identified.
         misfit: Mean square of the whitened residual over its expectation; 1 where the model explains everything.
-        disagreements: Sentences about recordings that disagree with all of them together.
+        disagreements: By coefficient, sentences about recordings that disagree with all of them together.
         of_each: Recording -> its own coefficients, where there are several recordings.
         held_out: Recordings that were not used, because their role is "holdout".
         notes: What was assumed.
@@ -56,7 +56,7 @@ class Pooled:
 
     coefficients: tuple[Coefficient, ...]
     misfit: float
-    disagreements: tuple[str, ...]
+    disagreements: Mapping[str, tuple[str, ...]]
     of_each: dict[str, tuple[Coefficient, ...]]
     held_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -92,7 +92,7 @@ def pooled(
         progress("a second body")
         problem, fit, others = fitted(records, bent)
     whole, differ = along_both(rig, problem, fit, others)
-    of_each, apart, scattered, contradictions = {}, [], set(), []
+    of_each, apart, contradictions = {}, {}, []
     if static is not None:
         of_each[AT_REST] = resting = _at_rest(rig, static)
         contradictions = _contradictions(whole, resting)
@@ -108,10 +108,10 @@ def pooled(
             of_each[record.name], _ = along_both(rig, *fitted([record], fit))
         each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
         for record in records:
-            disagreed = _disagreements(record.name, of_each[record.name], whole)
-            scattered |= disagreed.keys()
-            apart += [text for name, text in disagreed.items() if _scatter(each[name])]
-        whole = tuple(across_recordings(c, each[c.name]) if c.name in scattered else c for c in whole)
+            for name, text in _disagreements(record.name, of_each[record.name], whole).items():
+                apart.setdefault(name, []).append(text)
+        whole = tuple(across_recordings(c, each[c.name]) if c.name in apart else c for c in whole)
+        apart = {name: tuple(texts) for name, texts in apart.items() if _scatter(each[name])}
     if contradictions:
         whole = _reaching(whole, of_each[AT_REST])
     told_late = None if late is None else in_words(late)
@@ -124,7 +124,7 @@ def pooled(
     return Pooled(
         whole,
         misfit(fit),
-        tuple(apart),
+        apart,
         of_each,
         notes=notes,
         contradictions=tuple(contradictions),

@@ -8,12 +8,12 @@ from typing import Any
 from maglev_env.channels import EFFORTS, MEASURED
 from maglev_env.recordings.formats.time_stamps import JITTERED_RATE_TOLERANCE, STEP_TOLERANCE
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
+from maglev_env.recordings.guess.controllers import SAME_GAIN, alike
 from maglev_env.recordings.guess.evidence import LIKELY, STATED, Guess
 from maglev_env.recordings.guess.recording import RecordingGuess, in_another_unit, other_way_round
 from maglev_env.recordings.guess.suspended import CENTRE, asked_for_the_centre
 from maglev_env.recordings.guess.told_by_others import as_told, told_by
 
-_SAME_GAIN = 0.03  # relative difference of gains that were fitted to two files of one controller
 AGREED = frozenset(MEASURED) | {"reference", "injection", "voltage"}  # the clock is each file's own, and so is its unit
 
 
@@ -187,7 +187,7 @@ def one_controller(guesses: Sequence[RecordingGuess]) -> list[RecordingGuess]:
             )
             found.append(replace(guess, form=same.form, controller=said))
             continue
-        like = next((g for g in shown if guess.gains and _alike(g.gains, guess.gains)), guess)
+        like = next((g for g in shown if guess.gains and alike(g.gains, guess.gains, SAME_GAIN)), guess)
         if like.gains != guess.gains:
             said = replace(guess.controller, reason=f"{guess.controller.reason}; the gains are those of {like.file}")
             guess = replace(guess, gains=like.gains, controller=replace(said, value=like.gains))
@@ -207,7 +207,7 @@ def _with_time_constants(guess: RecordingGuess, shown: Sequence[RecordingGuess])
         own = gains[time]
         if not gains[gain] or own <= 0:
             continue
-        like = next((g for g in shown if g.gains[gain] and abs(g.gains[time] - own) <= _SAME_GAIN * own), guess)
+        like = next((g for g in shown if g.gains[gain] and abs(g.gains[time] - own) <= SAME_GAIN * own), guess)
         first = like.gains[time]
         if first != own:
             gains[gain], gains[time] = float(f"{gains[gain] * first / own:.7g}"), first
@@ -220,18 +220,9 @@ def _like(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Whether two controllers of another form have the same parts, and numbers that their fits may leave different."""
 
     def same(a: Any, b: Any) -> bool:
-        return a == b if isinstance(a, str) or isinstance(b, str) else abs(a - b) <= _SAME_GAIN * max(abs(a), abs(b))
+        return a == b if isinstance(a, str) or isinstance(b, str) else abs(a - b) <= SAME_GAIN * max(abs(a), abs(b))
 
     return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
-
-
-def _alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Whether two PIDs do the same, as far as both have a part; an integral with a long leak is told by its slope."""
-    pairs = [
-        (a["kp"], a["kd"] / (a["td"] or 1.0), a["td"] if a["kd"] else 0.0, a["ki"] / (a["ti"] or 1.0))
-        for a in (one, other)
-    ]
-    return all(a * b == 0 or abs(a - b) <= _SAME_GAIN * max(abs(a), abs(b)) for a, b in zip(*pairs, strict=True))
 
 
 def _perhaps_the_same_controller(guess: RecordingGuess, others: Sequence[RecordingGuess]) -> RecordingGuess:

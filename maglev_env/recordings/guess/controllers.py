@@ -12,7 +12,8 @@ from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
 
 _EACH = "the controllers: [recording.gains.x] and [recording.gains.y]"
 _TOWARD = "whether the displacement is measured away from the magnet (kp is negative): scale < 0"
-_ALIKE = 1e-3  # relative difference up to which two axes have the same gains
+SAME_GAIN = 0.03  # relative difference of gains that were fitted to two files of one controller
+_SAME_AXES = 1e-3  # the same of two axes of one file, but for a slow integral, which is told the least
 _SEEN = ("reference", "injection", "current")
 _FORMS = {
     "pid": "a PID with other paths for displacement and reference",
@@ -60,8 +61,7 @@ def controllers(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: flo
     if form or other:
         found = "; ".join(f"{axis}: {one or 'not known'}" for axis, one in (("x", form or of_x), ("y", other or of_y)))
         return None, None, Guess("controller", None, f"the axes have controllers of their own ({found})", OPEN, _EACH)
-    idle = {"ti"} if of_x and of_y and not (of_x["ki"] or of_y["ki"]) else set()  # of an integral that is not there
-    if of_x and of_y and all(abs(of_x[n] - of_y[n]) <= _ALIKE * abs(of_x[n]) for n in of_x.keys() - idle):
+    if of_x and of_y and alike(of_x, of_y, _SAME_AXES, everything=True):
         return of_x, None, replace(said, reason=f"in x, and in y likewise: {said.reason}")
     if of_x and of_y:
         found = "; ".join(
@@ -70,6 +70,25 @@ def controllers(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: flo
         )
         return None, None, Guess("controller", None, f"each axis has a PID of its own ({found})", OPEN, _EACH)
     return None, None, replace(said, value=None)
+
+
+def alike(one: Mapping[str, float], other: Mapping[str, float], tolerance: float, everything: bool = False) -> bool:
+    """Whether two PIDs do the same; an integral with a long leak is told by its slope, and that to SAME_GAIN at best.
+
+    Args:
+        one, other: gains.
+        tolerance: relative difference that they may have.
+        everything: whether both must have the same parts; else they may differ in what only one of them has.
+    """
+    pairs = [
+        (a["kp"], a["kd"] / (a["td"] or 1.0), a["td"] if a["kd"] else 0.0, a["ki"] / (a["ti"] or 1.0))
+        for a in (one, other)
+    ]
+    allowed = (tolerance, tolerance, tolerance, max(tolerance, SAME_GAIN))
+    return all(
+        (a * b == 0 and not everything) or abs(a - b) <= most * max(abs(a), abs(b))
+        for most, a, b in zip(allowed, *pairs, strict=True)
+    )
 
 
 def _controller(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: float | None) -> Told:

@@ -38,6 +38,7 @@ class RecordingGuess:
         form: a controller of another form, as a campaign takes it; None where there are gains, or none is known.
         jitter: rms of the steps of its time, as a share of one; 0 without a time.
         rotor: "suspended" or "supported", or None.
+        speed_rpm: speed of rotation that a column shows in every sample, 1/min.
         notes: what else was seen.
         part: first sample that is used, and how many; None: the whole file.
     """
@@ -54,6 +55,7 @@ class RecordingGuess:
     part: tuple[int, int] | None = None
     form: Mapping[str, Any] | None = None
     jitter: float = 0.0
+    speed_rpm: float = 0.0
 
     @property
     def channels(self) -> dict[str, ColumnGuess]:
@@ -76,6 +78,8 @@ class RecordingGuess:
         table: dict[str, Any] = {"file": self.file, "role": "fit", "sample_rate": self.rate.value or 0.0}
         if self.part:
             table["start"], table["samples"] = self.part
+        if self.speed_rpm:
+            table["speed_rpm"] = self.speed_rpm
         if self.gains:
             table["gains"] = dict(self.gains)
         if self.form:
@@ -145,7 +149,14 @@ def guess_recording(
         part=part,
         form=form,
         jitter=0.0 if clock is None else jitter_of(clock),
+        speed_rpm=_turning(columns, found),
     )
+
+
+def _turning(columns: tuple[ColumnGuess, ...], found: Contents) -> float:
+    """The speed that a column shows in every sample, 1/min; 0 without one, or where its unit is not known."""
+    held = [abs(found.columns[c.column][0] * c.scale) for c in columns if c.resting == "speed" and not c.ask]
+    return float(f"{held[0] * 30 / np.pi:.6g}") if held else 0.0
 
 
 def _unread(found: Contents, columns: tuple[ColumnGuess, ...]) -> np.ndarray:

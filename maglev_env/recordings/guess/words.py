@@ -34,6 +34,18 @@ _LETTERS = {
     "count": "n k",
     "output": "u",
 }
+# The SI units that a single letter goes with, "V" being a transducer's for all of them: a "V13" in um is no velocity.
+_IN = {
+    "time": ("s",),
+    "displacement": ("m", "V", "A", "N"),  # "coil_x" in A is along x
+    "current": ("A", "V"),
+    "voltage": ("V",),
+    "force": ("N", "V"),
+    "velocity": ("m/s", "V"),
+    "acceleration": ("m/s2", "V"),
+    "error": ("m", "V"),
+    "count": ("",),
+}
 # What any quantity may be read by, so that it tells one only where no other word does: "i_probe" is a current clamp.
 # So is "dist", which may stand for a disturbance.
 _INSTRUMENTS = {
@@ -125,7 +137,7 @@ def meaning(name: str, si: str = "") -> Meaning:
     words = [w for w in words if w not in COUNTS.split()] or words
     if not words or _PLACEHOLDER.fullmatch(name.strip().lower()):
         words = []
-    quantity, word, sure = _quantity(words, name)
+    quantity, word, sure = _quantity(words, name, si)
     wanted, injected = _one_of(words, _WANTED, True), _one_of(words, _INJECTED, True)
     if "dist" in words and si in ("A", "N"):
         injected = "dist"
@@ -171,12 +183,14 @@ def meaning(name: str, si: str = "") -> Meaning:
     return Meaning(channel, axis, max(sure, 0.85 if len(wanted) > 1 else 0.6 if wanted else 0.0), said)
 
 
-def _quantity(words: list[str], name: str) -> tuple[str, str, float]:
-    """The quantity that the words state, the word, and the confidence in it."""
+def _quantity(words: list[str], name: str, si: str) -> tuple[str, str, float]:
+    """The quantity that the words state, the word, and the confidence in it; no single letter against its unit."""
     tables = (_WORDS, 0.95, False), (_LETTERS, 0.75, False), (_WORDS, 0.85, True), (_INSTRUMENTS, 0.75, False)
     for table, sure, compound in tables:
         for w in words:
             for quantity, listed in table.items():
+                if table is _LETTERS and si and si not in _IN.get(quantity, si):
+                    continue
                 if _one_of([w], listed, compound):
                     # The states x1, x2, x3 of a model: only the first is known to be a position.
                     if w == "x" and re.search(r"x_?[2-9]$", name.lower()):

@@ -151,6 +151,8 @@ def _tune(alone: Campaign) -> tuple[Verdict, str]:
 
     if alone.rig is None:
         return "no", "rig is missing; tuning needs the nominal rig"
+    if alone.rig.axes != 1:
+        return "no", "the rig has two axes, and a campaign is tuned one axis at a time"
     _, (found,) = recorded_sets(alone)
     tuning_task(alone.rig, [found], TUNED)
     if found.failed:

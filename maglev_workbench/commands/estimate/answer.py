@@ -1,6 +1,6 @@
 """The answer of `maglev estimate` in one sentence: stiffness, damping and actuator gain over the trusted band."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,8 +165,14 @@ def _of_all(found: Pooled) -> str:
         text += f"; {why}: {names}" if those and (parts or why == AT_BOUND) else ""
     apart = ["rest and motion contradict each other"] if found.contradictions else []
     if found.disagreements:
-        apart.append("the recordings disagree")
+        apart.append(f"the recordings disagree about {_listed(found.disagreements)}")
     return text + (f"; {' and '.join(apart)}." if apart else ".")
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names of coefficients in words: "the delay, the damping and the actuator gain"."""
+    *first, last = (f"the {name.replace('_', ' ')}" for name in names)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _coefficient(c: Coefficient) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -101,7 +102,7 @@ def pooled_lines(found: Pooled) -> list[str]:
         for c in found.coefficients
         if c.at_limit
     ]
-    lines += [*found.contradictions, *found.disagreements]
+    lines += [*found.contradictions, *chain.from_iterable(found.disagreements.values())]
     if found.held_out:
         lines.append(f"held out, and not used: {', '.join(found.held_out)}")
     if found.gain is not None and (text := gain_line(found.gain)):
@@ -142,7 +143,7 @@ def pooled_json(found: Pooled) -> dict[str, Any]:
     return {
         "coefficients": [_coefficient(c) for c in found.coefficients],
         "misfit": found.misfit,
-        "disagreements": list(found.disagreements),
+        "disagreements": list(chain.from_iterable(found.disagreements.values())),
         "contradictions": list(found.contradictions),
         "held_out": list(found.held_out),
         "notes": list(found.notes),

@@ -56,6 +56,8 @@ def _recording(guess: RecordingGuess) -> list[str]:
     lines.append(f"sample_rate = {toml_value(float(guess.rate.value or 0.0))}")
     if guess.part:
         lines += [f"start = {guess.part[0]}", f"samples = {guess.part[1]}"]
+    if guess.speed_rpm:
+        lines.append(f"speed_rpm = {toml_value(guess.speed_rpm)}")
     lines += _evidence(guess.rotor)
     lines += _evidence(guess.controller)
     if guess.gains or guess.form:

@@ -107,7 +107,9 @@ def test_all_recordings_together_answer_where_the_rig_was_fitted():
     assert estimate_answer([], found) == (
         "The rig in all recordings: actuator gain 5.600 ±0.098 N/A (95 %); not bounded: delay."
     )
-    assert estimate_answer([], replace(found, disagreements=("x",))).endswith("the recordings disagree.")
+    assert estimate_answer([], replace(found, disagreements={"actuator_gain": ("x",)})).endswith(
+        "the recordings disagree about the actuator gain."
+    )
     assert "bound no coefficient" in estimate_answer([], replace(found, coefficients=(loose,)))
     ended = replace(loose, name="damping", bounded=True, at_limit=True)
     assert estimate_answer([], replace(found, coefficients=(gain, ended))).endswith(f"; {AT_BOUND}: damping.")
@@ -122,8 +124,8 @@ def test_the_value_at_rest_stands_beside_that_in_motion():
         "At rest, by means and weight: actuator gain 0.940 ±0.039 N/A (95 %); in motion, all recordings together: "
         "actuator gain 0.600 ±0.039 N/A (95 %)."
     )
-    apart = replace(found, contradictions=("x",), disagreements=("y",))
-    said = "rest and motion contradict each other and the recordings disagree."
+    apart = replace(found, contradictions=("x",), disagreements={"damping": ("y",), "delay": ("z",)})
+    said = "rest and motion contradict each other and the recordings disagree about the damping and the delay."
     assert estimate_answer([], apart).endswith(f"(95 %); {said}")
 
 

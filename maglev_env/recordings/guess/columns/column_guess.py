@@ -21,7 +21,7 @@ class ColumnGuess:
         reason: the evidence.
         confidence: from 0 to 1.
         ask: what the user should state; empty where nothing is open.
-        resting: whether it is not used for the sole reason that it never changes in this file.
+        resting: the channel that it would be, but is not for the sole reason that it never changes in this file.
         offset: SI value at which the column reads 0.
         total: whether a current includes the bias of the rig.
         stated: whether its scale is stated by the user.
@@ -35,7 +35,7 @@ class ColumnGuess:
     reason: str
     confidence: float
     ask: str = ""
-    resting: bool = False
+    resting: str = ""
     offset: float = 0.0
     total: bool = False
     stated: bool = False

@@ -13,6 +13,7 @@ from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.columns.naming import by_name, label_of
 from maglev_env.recordings.guess.columns.opposed import opposed
 from maglev_env.recordings.guess.columns.scaling import scaled
+from maglev_env.recordings.guess.columns.two_axes import spelled_as_xy
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED
 from maglev_env.recordings.guess.units import Unit
 
@@ -35,7 +36,10 @@ def guess_columns(found: Contents, channels: Mapping[str, str] | None = None) ->
     labels = {name: label_of(name, found) for name in found.columns}
     values = {name: v[: shown.MOST] for name, v in found.columns.items()}
     units = {name: unit for name, (_, unit) in labels.items()}
-    guesses = {name: by_name(name, label, unit, values[name]) for name, (label, unit) in labels.items()}
+    axes = spelled_as_xy(labels)
+    guesses = {
+        name: by_name(name, label, unit, values[name], axes.get(name, "")) for name, (label, unit) in labels.items()
+    }
     fixed = _as_stated(guesses, channels or {})
     guesses |= fixed
     named = dict(guesses)
@@ -45,7 +49,7 @@ def guess_columns(found: Contents, channels: Mapping[str, str] | None = None) ->
     guesses = by_behaviour(guesses, values, units)
     stated = {g.channel for g in fixed.values()}
     free = {n: replace(g, channel="") if g.channel in stated else g for n, g in guesses.items()}
-    guesses = {n: _resting(g, values[n]) for n, g in free.items()} | fixed
+    guesses = {n: _resting(g, units[n], values[n]) for n, g in free.items()} | fixed
     return tuple(scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
 
 
@@ -136,8 +140,9 @@ def _freed(guesses: dict[str, ColumnGuess], named: Mapping[str, ColumnGuess]) ->
     return guesses if free is None else guesses | {free: named[free]}
 
 
-def _resting(guess: ColumnGuess, values: np.ndarray) -> ColumnGuess:
+def _resting(guess: ColumnGuess, unit: Unit | None, values: np.ndarray) -> ColumnGuess:
     """A constant column is no reading; a constant reference is one."""
     if not guess.channel.startswith(("gap_estimate", "voltage", "injection", "speed")) or not shown.is_constant(values):
         return guess
-    return replace(guess, channel="", reason=f"{guess.reason}, but {values[0]:g} in every sample", resting=True)
+    reason, scale = f"{guess.reason}, but {values[0]:g} in every sample", unit.scale if unit else guess.scale
+    return replace(guess, channel="", reason=reason, resting=guess.channel, scale=scale)

@@ -72,9 +72,17 @@ def _listed(expression: str, found: Contents) -> str:
     return next((texts[int(place)].strip() for texts in every if len(texts) == columns > 1), "")
 
 
-def by_name(column: str, label: str, unit: Unit | None, values: np.ndarray) -> ColumnGuess:
-    """The guess for a column (samples,) by its name and unit; one without a reason where they say nothing."""
-    said = meaning("" if re.fullmatch(r"\[\d+\]", label) else label, unit.si if unit else "")
+def by_name(column: str, label: str, unit: Unit | None, values: np.ndarray, spelled: str = "") -> ColumnGuess:
+    """The guess for a column (samples,) by its name and unit; one without a reason where they say nothing.
+
+    Args:
+        column: its expression.
+        label: what the file calls it.
+        unit: that the file states.
+        values: (samples,).
+        spelled: the name with its axis as x or y, where the file calls it otherwise.
+    """
+    said = meaning(spelled or ("" if re.fullmatch(r"\[\d+\]", label) else label), unit.si if unit else "")
     if said.channel is None and unit and unit.si == "A" and label == unit.text:  # called by its unit alone
         said = Meaning("current", confidence=LIKELY)
     if not np.isfinite(values).all():
@@ -84,6 +92,7 @@ def by_name(column: str, label: str, unit: Unit | None, values: np.ndarray) -> C
     if said.channel == "time" and not shown.is_time(values):
         return ColumnGuess(column, label, "", 1.0, f'called "{label}", but does not rise with equal steps', SURE)
     called = f'called "{label}"' + (f" in {unit.text}" if unit else "")
+    called += f", an axis that is taken as {said.axis}" if spelled else ""
     if said.channel != "time" and said.channel not in RECORDED:
         return ColumnGuess(column, label, "", 1.0, f"{called}: {said.channel} is not a channel", SURE)
     if unit and unit.si != si_unit(said.channel):
