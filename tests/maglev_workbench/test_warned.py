@@ -8,6 +8,8 @@ import pytest
 from command_line import maglev
 
 from maglev_env.loop.effect import effect
+from maglev_env.redundancy.finding import Finding
+from maglev_workbench.warned import shown
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +44,17 @@ def test_an_effect_is_a_warning_that_names_diagnose(tmp_path):
     (warning, *_) = json.loads((tmp_path / "e.json").read_text())["warnings"]
     assert warning["kind"] == "effect" and "mass" in warning["channel"]
     assert warning["interval"][0] < warning["value"] < warning["interval"][1]
+
+
+def test_what_one_rule_says_of_several_recordings_stands_once_and_an_alarm_each_time(capsys):
+    def finding(recording, value, kind):
+        return Finding("balance", recording, "current", value, None, f"off by {value}", kind)
+
+    shown([finding("a.csv", 1.0, "effect"), finding("b.csv", -3.0, "effect"), finding("c.csv", 2.0, "effect")])
+    text = " ".join(capsys.readouterr().out.split())
+    assert text == "warning b.csv: off by -3.0 (likewise, though less: a.csv; c.csv)"
+    shown([finding("a.csv", 1.0, "contradiction"), finding("b.csv", 2.0, "contradiction")])
+    assert capsys.readouterr().out.count("ALARM") == 2
 
 
 def test_a_coil_recording_is_checked_too(tmp_path):

@@ -83,16 +83,22 @@ def identify_campaign(
         try:
             found.axes.extend(_axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap))
         except ValueError as error:
-            if campaign.rig is None or estimate_mass:
+            if estimate_mass:
                 raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
-            found.open.append(spec.file)  # of a named rig the simulation may still tell what a response does not
             why[spec.file] = str(error)
+            if campaign.rig is not None:
+                found.open.append(spec.file)  # of a named rig the simulation may still tell what a response does not
             return
         forced = any(e.at == "force" for e in signals.excitations)
         if signals.axes == 2 and forced and spec.role == "fit" and mass is not None:
             loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
 
     told, _ = each_recording(campaign, identified, track)
+    if why and campaign.rig is None:
+        if not found.axes:
+            first, reason = next(iter(why.items()))
+            raise ValueError(f"{campaign.folder / first}: {reason}")
+        found = replace(found, notes=tuple(f"{file}: tells nothing without a rig ({own})" for file, own in why.items()))
     for members in loops.values():
         records = [signals for _, signals in members]
         both = identify_planar(records, campaign.rig, mass, band_width, band_overlap)

@@ -139,7 +139,9 @@ def new(
     ]
     stated = questions.ask_rig(stated) if asking else stated
     inside, copied = bring(read, folder)
-    stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder))
+    own = folder / "rig.toml"
+    untouched = own if force and own.exists() and is_untouched(own) else None
+    stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder, untouched))
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     named = one_rotor([replace(g, file=name) for g, name in zip(guesses, names, strict=True)])
     guesses = agreed([verified(guess, folder) for guess in named])
@@ -149,16 +151,14 @@ def new(
 
     known = next((g for g in guesses if g.gains or g.form), None)
     if stated.rig is None:
-        skeleton = folder / "rig.toml"
-        if (force and is_untouched(skeleton)) or not skeleton.exists():
+        if untouched is not None or not own.exists():
             hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
             driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
             gains, rate = (known.gains or known.form, known.rate.value) if known else (None, None)
             axes = 2 if any("displacement_y" in g.channels for g in guesses) else 1
             text = rig_text(stated, gains, rate, hangs, driven, axes)
-            write_text_atomic(skeleton, text)
+            write_text_atomic(own, text)
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
-    own = folder / "rig.toml"
     fault = "" if stated.rig is not None or is_untouched(own) else fault_of(own)
     answer = answer_of(guesses, refused, stated, stated.rig is None, is_filled_in(own), fault)
     write_json(

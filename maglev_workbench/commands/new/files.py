@@ -53,14 +53,21 @@ def campaign_folder(files: Sequence[Path], out: Path | None) -> Path:
     return files[0].parent
 
 
-def rig_beside(rig: str, folder: Path) -> str:
+def rig_beside(rig: str, folder: Path, replaced: Path | None = None) -> str:
     """A rig as campaign.toml names it: a preset, or a TOML in the folder, to which one from elsewhere is copied.
+
+    Args:
+        rig: as the user names it.
+        folder: of the campaign.
+        replaced: a skeleton in the folder in whose place it may be copied; None: none.
 
     Raises:
         ValueError: another file of that name is there.
     """
     if rig in PRESETS:
         return rig
+    if replaced is not None and replaced.name == Path(rig).name and Path(rig).exists():
+        replaced.unlink()
     inside, _ = bring([Path(rig)], folder)
     return inside[0].resolve().relative_to(folder.resolve()).as_posix()
 

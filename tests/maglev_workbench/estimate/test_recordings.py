@@ -51,6 +51,29 @@ def test_without_magnets_and_where_the_rig_cannot_be_fitted_the_reason_is_said(w
         recordings.identify_campaign(campaign(True), 0.1, False, None, None, iter)
 
 
+def test_without_a_rig_a_recording_that_tells_nothing_is_named_and_the_others_stand(without_responses, monkeypatch):
+    alone = SimpleNamespace(rig=None, folder=Path("bench"))
+    with pytest.raises(ValueError, match=r"bench.sine\.csv: 1 lines"):
+        recordings.identify_campaign(alone, 0.1, False, None, None, iter)
+    steps = SimpleNamespace(file="steps.csv", excitations=(SimpleNamespace(kind="multisine", at="force"),), role="fit")
+    read = recordings.each_recording
+
+    def axes(file, *args):
+        if file == "sine.csv":
+            raise ValueError("1 lines")
+        return [(file, "identified")]
+
+    monkeypatch.setattr(recordings, "_axes", axes)
+    monkeypatch.setattr(
+        recordings, "recorded_signals", lambda *args: SimpleNamespace(axes=1, excitations=steps.excitations)
+    )
+    monkeypatch.setattr(recordings, "each_recording", lambda c, do, track: (read(c, do, track)[0], [do(steps)]))
+    found = recordings.identify_campaign(alone, 0.1, False, None, None, iter)
+    assert found.axes == [("steps.csv", "identified")] and found.notes == (
+        "sine.csv: tells nothing without a rig (1 lines)",
+    )
+
+
 @pytest.mark.slow
 def test_two_axes_that_only_references_drive_are_told_each_alone(tmp_path):
     radial = load_rig("hmb_radial")

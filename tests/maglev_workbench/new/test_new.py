@@ -16,7 +16,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.recording import read_recording, simulated_recording
-from maglev_env.rig.rig_file import load_rig
+from maglev_env.rig.rig_file import RIG_FOLDER, load_rig
 from maglev_workbench.cli import app
 from maglev_workbench.commands.new import questions
 
@@ -135,6 +135,18 @@ def test_a_rig_with_a_mistake_is_kept_and_the_mistake_said(foreign, tmp_path, wr
     text = " ".join(maglev("new", tmp_path, "--force").split())
     assert "is kept, but is no rig yet" in text and ("gapp" in text or "line" in text)
     assert (tmp_path / "rig.toml").read_text() == own
+
+
+def test_a_rig_from_elsewhere_takes_the_place_of_a_skeleton_that_nobody_wrote_into(foreign, tmp_path):
+    campaign, rig = tmp_path / "campaign", tmp_path / "rig.toml"
+    campaign.mkdir()
+    shutil.copy(foreign["npz"], campaign)
+    shutil.copy(RIG_FOLDER / "hmb_free.toml", rig)
+    maglev("new", campaign)
+    maglev("new", campaign, "--rig", rig, "--force")
+    assert (campaign / "rig.toml").read_bytes() == rig.read_bytes()
+    (campaign / "rig.toml").write_text(rig.read_text().replace("mass = ", "mass = 1"))
+    assert "exists and is not" in maglev("new", campaign, "--rig", rig, "--force", code=2)
 
 
 def test_a_file_that_cannot_be_read_is_left_out_and_named(foreign, tmp_path):
