@@ -150,14 +150,13 @@ def new(
         guesses = [below_the_magnet(guess, known_rig, folder) for guess in guesses]
 
     known = next((g for g in guesses if g.gains or g.form), None)
-    if stated.rig is None:
-        if untouched is not None or not own.exists():
-            hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
-            driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
-            gains, rate = (known.gains or known.form, known.rate.value) if known else (None, None)
-            axes = 2 if any("displacement_y" in g.channels for g in guesses) else 1
-            text = rig_text(stated, gains, rate, hangs, driven, axes)
-            write_text_atomic(own, text)
+    if stated.rig is None and (untouched is not None or not own.exists()):
+        hangs = all(g.rotor.value == "suspended" and g.rotor.confidence >= LIKELY for g in guesses)
+        driven = any({"current", "command", "current_x", "command_x"} & g.channels.keys() for g in guesses)
+        gains, rate = (known.gains or known.form, known.rate.value) if known else (None, None)
+        axes = 2 if any("displacement_y" in g.channels for g in guesses) else 1
+        text = rig_text(stated, gains, rate, hangs, driven, axes)
+        write_text_atomic(own, text)
     write_text_atomic(folder / "campaign.toml", campaign_text(guesses, stated))
     fault = "" if stated.rig is not None or is_untouched(own) else fault_of(own)
     answer = answer_of(guesses, refused, stated, stated.rig is None, is_filled_in(own), fault)
