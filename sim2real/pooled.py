@@ -27,6 +27,7 @@ from sim2real.coefficients import (
 from sim2real.compared.problem import Problem, assemble
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
 from sim2real.late_current import in_words, lateness, without_current
+from sim2real.noise_in_drive import told_by_noise
 from sim2real.pooled_fit import fitted
 from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
 from sim2real.recorded.open_record import OpenRecord
@@ -91,13 +92,16 @@ def pooled(
     if (bent := with_second_body(problem, fit)) is not None:
         progress("a second body")
         problem, fit, others = fitted(records, bent)
+    used, noisy = _told_by_drives(records, problem, fit)
+    if noisy:
+        problem, fit, others = fitted(used, fit, rest=False)
     whole, differ = along_both(rig, problem, fit, others)
     of_each, apart, contradictions = {}, {}, []
     if static is not None:
         of_each[AT_REST] = resting = _at_rest(rig, static)
         contradictions = _contradictions(whole, resting)
         if not contradictions:
-            joined = fitted(records, fit, rest=True)
+            joined = fitted(used, fit, rest=True)
             joint = coefficients_of(rig, *joined)
             contradictions = _pulled(joint, resting)
             if not contradictions:
@@ -118,7 +122,7 @@ def pooled(
     drifted = None if static is None else drift_in_words(static)
     body = second_body_of(fit)
     said = None if body is None else body_in_words(body)
-    notes = tuple(filter(None, [told_late, said, *differ, exact_mass(records), drifted]))
+    notes = tuple(filter(None, [noisy, told_late, said, *differ, exact_mass(records), drifted]))
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(
@@ -131,6 +135,24 @@ def pooled(
         gain=over,
         second_body=body,
     )
+
+
+def _told_by_drives(
+    records: Sequence[Record | OpenRecord], problem: Problem, fit: Fit
+) -> tuple[Sequence[Record | OpenRecord], str | None]:
+    """The records that are fitted together, and a sentence on those that are left out.
+
+    Where noise in the measured drives tells too much of a coefficient, those records stay of which each alone is told
+    by what excites it; all of them where none is.
+    """
+    if len(records) < 2 or not told_by_noise(problem, fit):
+        return records, None
+    clear = [r for r in records if not told_by_noise(*fitted([r], fit, rest=False)[:2])]
+    if not clear:
+        return records, None
+    others = ", ".join(r.name for r in records if r not in clear)
+    why = "noise in what drives it tells more than what excites it"
+    return clear, f"{others}: not in the estimate of all, because {why}"
 
 
 def exact_mass(records: Sequence[Record | OpenRecord]) -> str | None:

@@ -7,6 +7,8 @@ import numpy as np
 
 from maglev_env.recordings.campaign import RecordingSpec
 
+BY_MOTION = "current that motion induces"  # of the sizes of channels: what a displacement read as one adds
+
 
 @dataclass(frozen=True)
 class ChannelError:
@@ -21,6 +23,9 @@ class ChannelError:
         shape: a term (j omega)^order of what undoes a low-pass, s^order; of order 2, for one that is symmetric in
             time, half its second moment.
         order: of that term.
+        coil: resistance (ohm) and inductance (H) of a coil whose voltage tells this current, by Kirchhoff's law with
+            what the motion induces; None: it is measured.
+        induced: of that coil, V s/m: the error is this more of induced voltage, by the displacement.
     """
 
     name: str
@@ -30,15 +35,26 @@ class ChannelError:
     delay: float = 0.0
     shape: float = 0.0
     order: int = 2
+    coil: tuple[float, float] | None = None
+    induced: float = 0.0
+
+    @property
+    def by(self) -> str:
+        """Of what it is a relative change: the channel itself, or the displacement that induces a voltage in it."""
+        return BY_MOTION if self.induced else self.channel
 
     def factor(self, frequency: np.ndarray) -> np.ndarray:
-        """Relative change of the channel's spectrum at frequencies in Hz."""
+        """Change of the channel's spectrum at frequencies in Hz, in units of that of `by`."""
         s = 2j * np.pi * frequency
+        if self.coil is not None and self.induced:
+            return -s * self.induced / (self.coil[0] + s * self.coil[1])
         return self.scale + s * self.delay + s**self.order * self.shape
 
     def whole_factor(self, frequency: np.ndarray, amount: float) -> np.ndarray:
-        """Relative change of the spectrum by an amount of the error, in standard deviations, however large: late
-        readings turn the phase alone."""
+        """Change of the spectrum, in units of that of `by`, by an amount of the error, in standard deviations, however
+        large: late readings turn the phase alone."""
+        if self.induced:
+            return amount * self.factor(frequency)
         s = 2j * np.pi * frequency
         rest = amount * (self.scale + s**self.order * self.shape)
         return np.exp(amount * self.delay * s) - 1 + rest
@@ -84,7 +100,7 @@ def changes(
     """
     found = {}
     for error in errors:
-        own = sizes.get(error.channel, {})
+        own = sizes.get(error.by, {})
         rows = [error.applied(own[o], frequency) if o in own else None for o in outputs]
         if any(r is not None for r in rows):
             shape = next(r.shape for r in rows if r is not None)

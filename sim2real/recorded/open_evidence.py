@@ -10,7 +10,7 @@ from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.blocks import Block
 from maglev_env.kernel.replay import look_at_replays, replayed
-from sim2real.recorded.channel_errors import ChannelError
+from sim2real.recorded.channel_errors import BY_MOTION, ChannelError
 from sim2real.recorded.noise_response import NoiseResponse
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
@@ -105,7 +105,7 @@ def parts_of(record: OpenRecord, loop: Loop, predicted: np.ndarray) -> dict[str,
     if record.source == "command":
         found["command"] = {"plant": -plant * command, "amplifier": -amplifier * command}
     elif record.source == "current":
-        found["current"] = {"plant": -plant * command}
+        found["current"], found[BY_MOTION] = {"plant": -plant * command}, {"plant": -plant * y}
     else:
         for channel, own in (("injection", injection), ("reference", referred * reference)):
             found[channel] = {"plant": -plant * own, "amplifier": -amplifier * own}
@@ -127,7 +127,8 @@ def redriven(record: OpenRecord, amounts: Mapping[ChannelError, float]) -> OpenR
     command, current, added = record.command.copy(), record.waves["current"].copy(), record.added.copy()
     n = command.shape[1]
     for error, amount in amounts.items():
-        change = _with_factor(record.command[error.axis], error.whole_factor(_frequencies(record, n), amount))
+        by = record.series["displacement"] if error.by == BY_MOTION else record.command
+        change = _with_factor(by[error.axis], error.whole_factor(_frequencies(record, n), amount))
         current[error.axis] += np.interp(np.arange(n * record.every) / record.every, np.arange(n), change)
         added[error.axis] += change
         command[error.axis] += change

@@ -13,14 +13,14 @@ from maglev_env.kernel.replay import replayed
 from maglev_env.loop.axes import suffixes
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.campaign_tables import ChannelSource
-from maglev_env.recordings.derived import coil_current
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
-from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig import Rig
 from sim2real.recorded.along_motion import along_motion
 from sim2real.recorded.at_rest.static_evidence import can_rest, rests_of
 from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
+from sim2real.recorded.current_by_voltage import CurrentByVoltage, current_by_voltage
 from sim2real.recorded.drive.drive import Drive, Driving, drive_of
 from sim2real.recorded.drive.fed_back import fed_back
 from sim2real.recorded.drive.innovation import along_innovations
@@ -69,14 +69,12 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     rests = rests_of(rig, spec, dataset)
     channels = _channels(rig, dataset)
     notes = list(dataset.attrs.get("notes", ()))
-    if (current := _current_by_voltage(rig, channels, spec.sample_rate)) is not None:
-        channels["current"] = current
-        notes.append(
-            "the current is computed from the voltage by the coil's resistance and inductance; the voltage that the "
-            "motion induces is left out"
-        )
     if "displacement" not in channels:
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
+    by_voltage = current_by_voltage(rig, channels, spec.sample_rate)
+    if by_voltage is not None:
+        channels["current"] = by_voltage.current
+        notes.append(by_voltage.note)
     try:
         drive = drive_of(rig, spec, channels)
         if not drive.stand_in and (wrong := not_stable(drive.experiment)):
@@ -156,7 +154,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     if found is None and not any(source.filter or source.delay for source in stated):
         found = along_innovations(record, channels, top)
         what = f"with what its own past and the displacement's leave unexplained of the {drive.source}"
-    errors = (*record.errors, *_untold(spec, drive, found is not None))
+    errors = (*record.errors, *_untold(spec, drive, found is not None, by_voltage))
     if found is not None:
         note = f"only what goes {what} is compared, because it is free of the noise that the controller fed back"
         notes = (*record.notes, note, *in_words(corner, top, TOP * record.windows.sample_rate))
@@ -212,18 +210,6 @@ def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
     }
 
 
-def _current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float) -> np.ndarray | None:
-    """The coils' currents (axes, samples) where only their voltage is recorded and the rig knows the coil."""
-    coil = rig.coil_resistance > 0 and rig.coil_inductance is not None
-    if not coil or "voltage" not in channels or {"current", "command"} & channels.keys():
-        return None
-    own = [axis_rig(rig, axis) for axis in range(rig.axes)]
-    return np.array([
-        coil_current(u, rate, r.coil_resistance, r.coil_inductance)
-        for r, u in zip(own, channels["voltage"], strict=True)
-    ])  # fmt: skip
-
-
 def _led_in(series: np.ndarray, samples: int) -> np.ndarray:
     """Series (axes, n) after a smooth rise from zero, (axes, samples + n): the simulated rotor starts at the centre."""
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(samples) / max(samples, 1))
@@ -235,12 +221,13 @@ def _stated(spec: RecordingSpec, channel: str) -> list[ChannelSource]:
     return [source for name, source in spec.channels.items() if name.partition("_")[0] == channel]
 
 
-def _untold(spec: RecordingSpec, drive: Drive, exact: bool) -> list[ChannelError]:
+def _untold(spec: RecordingSpec, drive: Drive, exact: bool, by_voltage: CurrentByVoltage | None) -> list[ChannelError]:
     """Errors of a stand-in's drive of which nothing is stated: the time between its readings and those of the
     displacement, the scale of a current, and what it does between its samples, where it is not held.
 
     Args:
         exact: whether only what goes with an instrument is compared.
+        by_voltage: the current, where it is computed from the coil's voltage; None: it is recorded.
     """
     if not drive.stand_in or drive.source is None:
         return []
@@ -250,7 +237,9 @@ def _untold(spec: RecordingSpec, drive: Drive, exact: bool) -> list[ChannelError
         if all(source.delay_tolerance is None for source in stated):
             late = (UNTOLD_ALONG if exact else UNTOLD) * step
             found.append(ChannelError(f"time between {driving} and displacement", drive.source, axis, delay=late))
-        if drive.source == "current" and not any(source.scale_tolerance for source in stated):
+        if by_voltage is not None:
+            found += by_voltage.errors[axis]
+        elif drive.source == "current" and not any(source.scale_tolerance for source in stated):
             found.append(ChannelError(f"scale of {driving}", drive.source, axis, scale=METERED))
         shaped = {} if drive.held else SHAPED if exact else STRAIGHT
         for order, size in shaped.items():

@@ -247,3 +247,5 @@ def test_the_voltage_stands_for_a_missing_current(campaign, tmp_path):
     _edit(folder, 'rig = "hmb_free"', f'rig = "hmb_free"\n{coil}')
     _, (record,) = read_records(folder)
     assert "computed from the voltage" in " ".join(record.notes) and record.source == "current"
+    names = {e.name for e in record.errors}
+    assert {"scale of current", "induced voltage of current"} <= names

@@ -1,0 +1,70 @@
+"""The current of a coil of which the voltage alone is recorded, by its resistance, its inductance and the motion.
+
+A rotor that moves with the velocity v towards a magnet whose force grows by k_i with its current changes the flux
+through the coil, and induces k_i v against that current: by the energy that the coil gives to the rotor, the factor is
+the same. Left out, it acts as a damping of k_i^2 / R, behind the coil's own lag.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from maglev_env.loop.axes import suffixes
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.recordings.derived import coil_current
+from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.recorded.channel_errors import ChannelError
+
+# Relative standard deviations where the rig's [tolerance] states none: of the actuator's gain, and of a resistance,
+# which grows by 4 % as copper warms by 10 K.
+GAIN, RESISTANCE = 0.3, 0.04
+
+
+@dataclass(frozen=True)
+class CurrentByVoltage:
+    """The current of every coil, and what is not known of it.
+
+    Attributes:
+        current: (axes, samples), A.
+        errors: Of each axis.
+        note: What was assumed, in words.
+    """
+
+    current: np.ndarray
+    errors: tuple[tuple[ChannelError, ...], ...]
+    note: str
+
+
+def current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float) -> CurrentByVoltage | None:
+    """The coils' currents where only their voltage is recorded and the rig knows the coil; else None.
+
+    Args:
+        rig: The nominal rig.
+        channels: Of a recording, name -> (axes, samples), SI.
+        rate: Of the samples, Hz.
+    """
+    coil = rig.coil_resistance > 0 and rig.coil_inductance is not None
+    if not coil or "voltage" not in channels or {"current", "command"} & channels.keys():
+        return None
+    currents, errors = [], []
+    for axis, letter in enumerate(suffixes(rig.axes)):
+        own = axis_rig(rig, axis)
+        assert own.coil_inductance is not None
+        gain = linearise(force_law(own))[0] if own.controlled else 0.0
+        # Over each step between two samples, as the voltage is: the mean velocity.
+        velocity = rate * np.diff(channels["displacement"][axis], append=channels["displacement"][axis][-1:])
+        terms = own.coil_resistance, own.coil_inductance
+        currents.append(coil_current(channels["voltage"][axis] - gain * velocity, rate, *terms))
+        scale, induced = rig.tolerance.get("coil_resistance", RESISTANCE), rig.tolerance.get("actuator_gain", GAIN)
+        name = f"current{letter}"
+        errors.append((
+            ChannelError(f"scale of {name}", "current", axis, scale=scale),
+            ChannelError(f"induced voltage of {name}", "current", axis, coil=terms, induced=induced * gain),
+        ))  # fmt: skip
+    note = (
+        "the current is computed from the voltage by the coil's resistance and inductance and by what the motion "
+        "induces with the nominal actuator gain"
+    )
+    return CurrentByVoltage(np.array(currents), tuple(errors), note)
