@@ -17,6 +17,7 @@ ROBUST = 2.0  # peak sensitivity up to which no other variant is tried
 # Variants: net stiffness in units of the magnet's own, damping ratio, derivative time constant in units of 1 / w, and
 # its least value in samples. The first is well damped and quiet; the others need less control rate and are noisier.
 VARIANTS = ((1.0, 0.7, 0.1, 2.0), (0.7, 0.5, 0.05, 1.0), (0.5, 0.3, 0.0, 0.5), (0.3, 0.3, 0.0, 0.5))
+SLOW = 0.005  # radian by which sample and lags turn the mode of a magnet without stiffness
 TRIED = 80  # gain sets that a search looks at for a rig that no variant makes robust
 INTEGRAL_SHARE = 0.1  # of kp, with ten times the mode's time constant: effective, and harmless to the margins
 
@@ -29,16 +30,14 @@ def default_gains(rig: Rig) -> Gains:
     lowest peak is too loud: kp and kd with the lowest peak near it are searched.
 
     Raises:
-        ValueError: The rig has two axes or no magnets, its magnet has no stiffness to scale by, or no variant is stable
-            because the control rate or a lag is too slow for the magnet.
+        ValueError: The rig has two axes or no magnets, or no variant is stable because the control rate or a lag is too
+            slow for the magnet.
     """
     if rig.axes != 1:
         raise ValueError(f"rig {rig.name} has {rig.axes} axes: ask for the gains of one (see axis_rig)")
     if not rig.controlled:
         raise ValueError(f"rig {rig.name} has no magnets: there is nothing to control")
     gain, stiffness = linearise(force_law(rig))
-    if not stiffness:
-        raise ValueError(f"rig {rig.name}: a magnet without stiffness sets no scale for gains; give [gains]")
     best, lowest = None, np.inf
     for variant in VARIANTS:
         gains = pole_placed(rig, gain, stiffness, *variant)
@@ -81,13 +80,14 @@ def pole_placed(
 ) -> Gains:
     """Gains for a net stiffness of net |k_n| and a damping ratio; the derivative compensates the lags.
 
-    A support adds to the stiffness, which is not damped further for it.
+    A support adds to the stiffness, which is not damped further for it. A magnet with next to no stiffness of its own,
+    as a voice coil, sets no scale: there a mode that is slow beside the lags does.
     """
     dt = 1 / rig.control_rate
-    own = net * abs(stiffness) + max(stiffness, 0.0)
+    lag = rig.amplifier_time_constant + rig.sensor_time_constant + dt
+    own = net * max(abs(stiffness), rig.mass * (SLOW / lag) ** 2) + max(stiffness, 0.0)
     kp = (own - stiffness) / gain
     mode = np.sqrt((own + rig.support_stiffness) / rig.mass)
-    lag = rig.amplifier_time_constant + rig.sensor_time_constant + dt
     kd = 2 * damping_ratio * np.sqrt(own * rig.mass) / gain + kp * lag
     td, ti = max(td_share / mode, td_samples * dt), max(Gains.ti, 10 / mode)
     return Gains(*(float(f"{value:.3g}") for value in (kp, INTEGRAL_SHARE * kp, kd, td, ti)))

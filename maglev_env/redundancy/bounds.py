@@ -148,8 +148,9 @@ def balance(view: View) -> list[Finding]:
     ):
         return []
     gain, stiffness = linearise(force_law(rig))
+    held = stiffness + rig.support_stiffness
     y, i = view.channels["displacement"], view.channels["current"]
-    off = y - gain * i / (stiffness + rig.support_stiffness)
+    off = y - gain * i / held if held else np.zeros_like(y)  # where the current alone holds the rotor, any fits
     found = []
     if said := _apart(off, max(CENTRED * rig.gap, MOVED * float(y.std())), 0.5 * CENTRED * rig.gap, "m"):
         text = (
@@ -160,7 +161,7 @@ def balance(view: View) -> list[Finding]:
         found.append(Finding(said[0], view.recording, "displacement or current", said[2], None, text, "effect"))
     means = [np.array([part.mean() for part in np.array_split(v, PARTS)]) for v in (y, i)]
     together = float(np.corrcoef(*means)[0, 1]) if min(map(np.ptp, means)) > 0 else 0.0
-    expected = np.sign(gain / (stiffness + rig.support_stiffness))
+    expected = np.sign(gain * held)
     if together * expected < -TOGETHER and np.ptp(means[0]) > STEPPED * rig.noise.displacement:
         text = (
             "displacement or current: its sign is reversed: their slow parts move "
