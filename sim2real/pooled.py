@@ -122,7 +122,8 @@ def pooled(
     drifted = None if static is None else drift_in_words(static)
     body = second_body_of(fit)
     said = None if body is None else body_in_words(body)
-    notes = tuple(filter(None, [noisy, told_late, said, *differ, exact_mass(records), drifted]))
+    without = without_stiffness(rig)
+    notes = tuple(filter(None, [noisy, without, told_late, said, *differ, exact_mass(records), drifted]))
     progress("gain over frequency")
     over = _over_frequency(rig, static, whole, problem, fit)
     return Pooled(
@@ -153,6 +154,16 @@ def _told_by_drives(
     others = ", ".join(r.name for r in records if r not in clear)
     why = "noise in what drives it tells more than what excites it"
     return clear, f"{others}: not in the estimate of all, because {why}"
+
+
+def without_stiffness(rig: Rig) -> str | None:
+    """A sentence where the rig states nothing that a stiffness could be a change of, else None."""
+    if not rig.controlled or rig.support_stiffness or nominal_coefficient(rig, "negative_stiffness"):
+        return None
+    return (
+        "the rig has neither negative_stiffness nor support_stiffness, so no stiffness is fitted: where a cable or a "
+        "spring pulls, state support_stiffness roughly"
+    )
 
 
 def exact_mass(records: Sequence[Record | OpenRecord]) -> str | None:

@@ -153,6 +153,12 @@ def with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:
     return _widened(wide, "damping", share * abs(band.damping))
 
 
+def with_relative_uncertainty(band: Band, share: float) -> Band:
+    """The band with intervals widened by a relative error of all that is told, as of the mass that sets the scale."""
+    wide = _widened(band, "stiffness", share * abs(band.stiffness))
+    return _widened(wide, "damping", share * abs(band.damping))
+
+
 def with_timing_uncertainty(band: Band, time: float, mass: float) -> Band:
     """The band with its damping interval widened by a standard error (s) of when the force acts.
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
+from maglev_env.evaluation.known_mass import within_tolerance_of_mass
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.each_recording import each_recording
@@ -138,7 +139,8 @@ def _axes(
         one = rig if rig is None or own.axis is None else axis_rig(rig, own.axis)
         # A given mass replaces the rig's common one; the ratio of an axis' own mass to the common one is kept.
         share = mass if mass is None or one is None or rig is None else mass * one.mass / rig.mass
-        found.append((name, identify(own, one, share, *options)))
+        tolerance = 0.0 if one is None else one.tolerance.get("mass", 0.0)
+        found.append((name, within_tolerance_of_mass(identify(own, one, share, *options), tolerance)))
     return found
 
 

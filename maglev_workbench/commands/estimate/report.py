@@ -206,7 +206,7 @@ def _all_bands(bands: Sequence[Band]) -> str:
 
 def _facts(found: Identification) -> list[tuple[str, str]]:
     modal, bent = found.modal, found.distortion
-    mass = f"{number(found.mass, 4)} kg, given"
+    mass = f"{number(found.mass, 4)} kg, given; its [tolerance] is in the intervals"
     if modal:
         half = NORMAL_95 * modal.mass_se
         mass = f"{with_interval(modal.mass, modal.mass - half, modal.mass + half)} kg, estimated"

@@ -96,14 +96,14 @@ def test_a_gain_that_is_poorly_known_hides_no_second_body():
     loose = Coefficient("delay", "s", 1e-5, 1.0, 0.0, False)
     for misfit in (1.0, 1700.0):
         of_all = estimate_answer([("run.mat", identification(bands=bands, mass=mass, actuator=gain))],
-                                 Pooled((loose,), misfit, (), {}))  # fmt: skip
+                                 Pooled((loose,), misfit, {}, {}))  # fmt: skip
         assert ("bound no coefficient; from" in of_all and "a second body resonates" in of_all) == (misfit > 2)
 
 
 def test_all_recordings_together_answer_where_the_rig_was_fitted():
     gain = Coefficient("actuator_gain", "N/A", 5.6, 0.05, 5.7, True)
     loose = replace(gain, name="delay", unit="s", value=1e-5, se=1.0, bounded=False)
-    found = Pooled((gain, loose), 1.0, (), {})
+    found = Pooled((gain, loose), 1.0, {}, {})
     assert estimate_answer([], found) == (
         "The rig in all recordings: actuator gain 5.600 ±0.098 N/A (95 %); not bounded: delay."
     )
@@ -119,7 +119,7 @@ def test_all_recordings_together_answer_where_the_rig_was_fitted():
 
 def test_the_value_at_rest_stands_beside_that_in_motion():
     moving, still = (Coefficient("actuator_gain", "N/A", v, 0.02, 0.84, True) for v in (0.6, 0.94))
-    found = Pooled((moving,), 1.0, (), {AT_REST: (still,)})
+    found = Pooled((moving,), 1.0, {}, {AT_REST: (still,)})
     assert estimate_answer([], found) == (
         "At rest, by means and weight: actuator gain 0.940 ±0.039 N/A (95 %); in motion, all recordings together: "
         "actuator gain 0.600 ±0.039 N/A (95 %)."
@@ -132,5 +132,5 @@ def test_the_value_at_rest_stands_beside_that_in_motion():
 @pytest.mark.parametrize("unit", ["N/m"])
 def test_a_table_of_all_recordings_fits_its_units(unit):
     k = Coefficient("negative_stiffness", unit, -1.2e4, 100.0, -1.25e4, True)
-    ((_, html),) = pooled_sections(Pooled((k,), 1.5, (), {}))
+    ((_, html),) = pooled_sections(Pooled((k,), 1.5, {}, {}))
     assert "negative stiffness, kN/m" in html and "-12.5" in html and "times the noise" in html

@@ -12,7 +12,7 @@ from sim2real.words import AT_BOUND
 
 GAIN = Coefficient("actuator_gain", "N/A", 0.6, 0.02, 0.84, True)
 DAMPING = Coefficient("damping", "N s/m", -0.1125, 0.05, 0.0, True, at_limit=True)
-FOUND = Pooled((GAIN, DAMPING), 1.0, (), {AT_REST: (GAIN,), "run.txt": (GAIN, DAMPING)}, ("chirp.txt",))
+FOUND = Pooled((GAIN, DAMPING), 1.0, {}, {AT_REST: (GAIN,), "run.txt": (GAIN, DAMPING)}, ("chirp.txt",))
 
 
 def test_a_coefficient_at_its_limit_and_a_holdout_are_said():
@@ -22,7 +22,7 @@ def test_a_coefficient_at_its_limit_and_a_holdout_are_said():
     found = pooled_json(FOUND)
     assert found["coefficients"][1]["interval"] is None and found["coefficients"][1]["se"] is None
     assert [c["at_limit"] for c in found["coefficients"]] == [False, True] and found["held_out"] == ["chirp.txt"]
-    assert pooled_lines(Pooled((GAIN,), 1.0, (), {})) == []
+    assert pooled_lines(Pooled((GAIN,), 1.0, {}, {})) == []
 
 
 def test_the_page_shows_each_recording_and_the_rest():
@@ -30,7 +30,7 @@ def test_the_page_shows_each_recording_and_the_rest():
     assert AT_BOUND in whole and "-0.2" not in whole and AT_BOUND in table  # no interval where the search ends
     assert heading == "Each recording alone"
     assert table.count("<tr>") == 3 and AT_REST in table and "0.6 ± 0.02" in table
-    assert len(pooled_sections(Pooled((GAIN,), 1.0, (), {}))) == 1
+    assert len(pooled_sections(Pooled((GAIN,), 1.0, {}, {}))) == 1
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_the_page_shows_each_recording_and_the_rest():
 )
 def test_a_response_that_contradicts_the_fit_is_said(gain, stiffness, apart):
     own = SimpleNamespace(actuator=SimpleNamespace(gain=gain, gain_se=0.02, stiffness=stiffness, stiffness_se=1.0))
-    fitted = Pooled((GAIN, Coefficient("negative_stiffness", "N/m", -52.0, 1.0, -60.0, True)), 1.0, (), {})
+    fitted = Pooled((GAIN, Coefficient("negative_stiffness", "N/m", -52.0, 1.0, -60.0, True)), 1.0, {}, {})
     lines = apart_lines([("steps.txt", own), ("force.txt", SimpleNamespace(actuator=None))], fitted)
     assert len(lines) == bool(apart)
     for word, number in (("gain", f"{gain:.4g} +- 0.039 N/A"), ("stiff", f"{stiffness:.4g} +- 2 N/m")):

@@ -1,0 +1,51 @@
+"""A mass that is known to a tolerance: intervals grow by as much as estimates move with another mass."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maglev_env.evaluation.identification import identify
+from maglev_env.evaluation.known_mass import within_tolerance_of_mass
+from maglev_env.experiment import protocol_experiment
+from maglev_env.kernel.simulate import simulate_records
+from maglev_env.recordings.recording import simulated_recording
+from maglev_env.recordings.spectra import RecordedSignals
+from maglev_env.rig.rig_file import load_rig
+
+TOLERANCE = 0.01
+
+
+def recorded(name, at):
+    """What an excitation at one place records of a preset."""
+    rig = load_rig(name)
+    e = protocol_experiment(rig, seed=4)
+    e = replace(e, excitations=tuple(one for one in e.excitations if one.at == at))
+    dataset = simulated_recording(e, simulate_records([e])[0])
+    channels = {str(n): dataset[n].values for n in dataset.data_vars}
+    return rig, RecordedSignals(channels, rig.control_rate, e.excitations, rig.control_rate, e.gains)
+
+
+@pytest.mark.parametrize(("name", "at"), [("pedestal", "force"), ("hmb_free", "current")])
+def test_intervals_grow_by_what_another_mass_changes(name, at):
+    rig, signals = recorded(name, at)
+    known, heavier = (identify(signals, rig, rig.mass * (1 + more)) for more in (0.0, TOLERANCE))
+    found = within_tolerance_of_mass(known, TOLERANCE)
+    for quantity in ("stiffness", "damping"):
+        own, wide, moved = (
+            np.array([getattr(b, quantity + end) for b in one.bands if b.informative])
+            for one, end in ((known, "_se"), (found, "_se"), (heavier, ""))
+        )
+        moved = moved - np.array([getattr(b, quantity) for b in known.bands if b.informative])
+        assert np.sqrt(wide**2 - own**2) == pytest.approx(abs(moved), rel=0.05, abs=0.1 * own.max())
+    if at == "current":
+        more = heavier.actuator.gain - known.actuator.gain
+        assert np.hypot(known.actuator.gain_se, more) == pytest.approx(found.actuator.gain_se, rel=0.01)
+
+
+def test_a_mass_that_was_fitted_or_is_exact_widens_nothing():
+    rig, signals = recorded("pedestal", "force")
+    known = identify(signals, rig, rig.mass)
+    assert within_tolerance_of_mass(known, 0.0) is known
+    fitted = identify(signals, rig, None, estimate_mass=True)
+    assert within_tolerance_of_mass(fitted, TOLERANCE) is fitted
