@@ -1,7 +1,7 @@
 """The registry of rules, and their application to a campaign."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -129,7 +129,7 @@ def _findings(view: View) -> list[Finding]:
         found += rule(view)
         if any((f.code in FINAL and f.kind == "contradiction") or f.code in CHANGED for f in found):
             return found
-    rows = comparisons(view)
+    rows = list(comparisons(view))
     # What a coupling bends is no other matter.
     why = [] if any(f.code == "filter" and f.kind == "wiring" for f in found) else explained(view, rows)
     why = why or slow_parts(view)
@@ -138,12 +138,14 @@ def _findings(view: View) -> list[Finding]:
     return [*named, *found, *(f for f in why if f not in named), *uncovered(view, rows)]
 
 
-def comparisons(view: View) -> list[Row]:
+def comparisons(view: View) -> Iterator[Row]:
     """The rows of one axis. Periods that are copies hide the noise, so that exact relations alone are compared."""
-    rows = [row for rule in ROWS.values() for row in rule(view)]
-    if copied(view):
-        rows = [replace(row, misfit=0.0) for row in rows if not row.gain_effects]
-    return [row for row in rows if row.known or row.shape_off]
+    copies_hide = copied(view)
+    for rule in ROWS.values():
+        for row in rule(view):
+            own = replace(row, misfit=0.0) if copies_hide else row
+            if (own.known or own.shape_off) and not (copies_hide and own.gain_effects):
+                yield own
 
 
 def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[View]:
@@ -184,7 +186,6 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
     `alike`: try only columns of one quantity, those of the two axes, because an effect may explain what differs.
     """
     names = [n for n in spec.channels if n != "time"]
-    before = [row.code for view in views for row in comparisons(view)]
     for one, other in combinations(names, 2):
         if alike and one.partition("_")[0] != other.partition("_")[0]:
             continue
@@ -196,7 +197,8 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
             others = _views(campaign, exchanged, signals)
         except ValueError:
             continue
-        if _agree(_uncontradicted(others), before):
+        agreeing = _agreeing(others)
+        if agreeing and _agree(agreeing, [row.code for view in views for row in comparisons(view)]):
             text = (
                 f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: "
                 "the other way round every comparison agrees; correct [recording.channels]"
@@ -218,7 +220,10 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
     rig = campaign.rig
     if rig is None or signals.periodic or signals.sample_rate == rig.control_rate:
         return []
-    rows = _uncontradicted(_views(campaign, spec, replace(signals, sample_rate=rig.control_rate)))
+    at_rate = _views(campaign, spec, replace(signals, sample_rate=rig.control_rate))
+    if any(map(_contradicted, at_rate)):
+        return []
+    rows = [row for view in at_rate for row in comparisons(view)]
     if not _agree(rows) and not _timed(rows):
         return []
     text = (
@@ -238,14 +243,21 @@ def _timed(rows: Sequence[Row]) -> bool:
     return any(r.code.startswith(TIMED) and not r.off for r in rows) and all(or_effect(r) for r in rows if r.off)
 
 
-def _uncontradicted(views: Iterable[View]) -> list[Row]:
-    """The comparisons of all views; none where a rule finds a contradiction in one."""
+def _agreeing(views: Iterable[View]) -> list[Row]:
+    """The comparisons of all views; none, without a look at the others, where one is off or a rule is contradicted."""
     rows = []
     for view in views:
-        if any(f.kind == "contradiction" for rule in RULES.values() for f in rule(view)):
+        if _contradicted(view):
             return []
-        rows += comparisons(view)
+        for row in comparisons(view):
+            if row.off:
+                return []
+            rows.append(row)
     return rows
+
+
+def _contradicted(view: View) -> bool:
+    return any(f.kind == "contradiction" for rule in RULES.values() for f in rule(view))
 
 
 def refusals(found: Iterable[Finding]) -> list[Finding]:
