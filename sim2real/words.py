@@ -8,6 +8,7 @@ from maglev_env.units import prefixed
 AT_BOUND = "at its bound, not identified"
 _DIGITS = 4
 LARGE = 1e6  # from which a value has a power of ten, in units without a prefix
+DUST = 1e-9  # below which a number without a unit is what rounding leaves of 0
 NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
 
 
@@ -29,6 +30,8 @@ def quantity(value: float, se: float | None, unit: str, is_change: bool = False)
     """A value with its standard error in a readable unit: "75.0 +- 1.2 µs"; "+3.1 +- 0.4 %" for a relative change."""
     if is_change:
         return f"{_with_se(100 * value, se and 100 * se, '+')} %"
+    if not unit and abs(value) < DUST:
+        value = 0.0
     factor, shown = prefixed(value or se or 0.0, unit)
     return f"{_with_se(value * factor, se and se * factor)} {shown}".rstrip()
 

@@ -1,7 +1,7 @@
 """The registry of rules, and their application to a campaign."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -183,11 +183,18 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
 def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], alike: bool) -> list[Finding]:
     """Two columns exchanged: the one exchange under which all rules agree.
 
-    `alike`: try only columns of one quantity, those of the two axes, because an effect may explain what differs.
+    Of two axes' columns of one quantity it is enough that what still differs is what an effect does, if that is not so
+    as they are; of several such exchanges the one under which least differs.
+
+    `alike`: try only such columns, because an effect may explain what differs.
     """
     names = [n for n in spec.channels if n != "time"]
+    before = [row for view in views for row in comparisons(view)]
+    beyond = any(row.off and not or_effect(row) for row in before)
+    possible: list[tuple[int, str, str]] = []  # comparisons that still differ, and the columns
     for one, other in combinations(names, 2):
-        if alike and one.partition("_")[0] != other.partition("_")[0]:
+        of_axes = one.partition("_")[0] == other.partition("_")[0]
+        if alike and not of_axes:
             continue
         channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
         try:
@@ -197,14 +204,19 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
             others = _views(campaign, exchanged, signals)
         except ValueError:
             continue
-        agreeing = _agreeing(others)
-        if agreeing and _agree(agreeing, [row.code for view in views for row in comparisons(view)]):
-            text = (
-                f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: "
-                "the other way round every comparison agrees; correct [recording.channels]"
-            )
-            return [Finding("swapped", spec.file, f"{one} or {other}", None, None, text, "contradiction")]
-    return []
+        rows = _agreeing(others, of_axes and beyond)
+        if rows and _as_many(rows, before):
+            possible.append((sum(row.off for row in rows), one, other))
+            if not possible[-1][0]:
+                break
+    if not possible:
+        return []
+    left, one, other = min(possible)
+    text = (
+        f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: the other way "
+        f"round every comparison agrees{' but for what an effect may do' if left else ''}; correct [recording.channels]"
+    )
+    return [Finding("swapped", spec.file, f"{one} or {other}", None, None, text, "contradiction")]
 
 
 def _column(spec: RecordingSpec, name: str) -> str:
@@ -233,9 +245,14 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
     return [Finding("rate", spec.file, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
 
 
-def _agree(rows: Sequence[Row], codes: Collection[str] = ()) -> bool:
-    """Whether there are comparisons, these among them on as many axes, and all agree."""
-    return bool(rows) and Counter(codes) <= Counter(row.code for row in rows) and not any(row.off for row in rows)
+def _as_many(rows: Iterable[Row], before: Iterable[Row]) -> bool:
+    """Whether among comparisons are those that there were before, on as many axes."""
+    return Counter(row.code for row in before) <= Counter(row.code for row in rows)
+
+
+def _agree(rows: Sequence[Row]) -> bool:
+    """Whether there are comparisons, and all agree."""
+    return bool(rows) and not any(row.off for row in rows)
 
 
 def _timed(rows: Sequence[Row]) -> bool:
@@ -243,14 +260,15 @@ def _timed(rows: Sequence[Row]) -> bool:
     return any(r.code.startswith(TIMED) and not r.off for r in rows) and all(or_effect(r) for r in rows if r.off)
 
 
-def _agreeing(views: Iterable[View]) -> list[Row]:
-    """The comparisons of all views; none, without a look at the others, where one is off or a rule is contradicted."""
+def _agreeing(views: Iterable[View], effects: bool) -> list[Row]:
+    """The comparisons of all views; none, without a look at the others, where a rule is contradicted or one is off,
+    which with `effects` it may be as an effect makes it."""
     rows = []
     for view in views:
         if _contradicted(view):
             return []
         for row in comparisons(view):
-            if row.off:
+            if row.off and not (effects and or_effect(row)):
                 return []
             rows.append(row)
     return rows

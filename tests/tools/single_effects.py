@@ -51,7 +51,8 @@ def drawn(shape: str, rig: BenchRig, forced: bool, level: float, rng: np.random.
 
 def answered(folder: Path, tree: Path) -> dict:
     """What `maglev diagnose` of a tree says of a campaign."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), *filter(None, [os.environ.get("PYTHONPATH")])]), "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "160"}
+    path = os.pathsep.join([str(tree), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "160"}
     out, begun = folder.with_suffix(".found"), time.time()
     command = ["maglev", "diagnose", str(folder), "--out", str(out), "--json", str(out / "answer.json")]
     out.mkdir(exist_ok=True)

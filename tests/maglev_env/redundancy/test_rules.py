@@ -17,7 +17,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.redundancy.bounds import ranges
 from maglev_env.redundancy.result import doubtful
-from maglev_env.redundancy.rules import _agree, _at_ticks, _views, as_data, examine
+from maglev_env.redundancy.rules import _as_many, _at_ticks, _views, as_data, examine
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +158,18 @@ def test_exchanged_columns_are_found(sound, tmp_path):
 
     found = changed(sound, tmp_path / "c", "base", change)
     assert found[0].code == "swapped" and set(found[0].channel.split(" or ")) == {"command", "current"}
+
+
+@pytest.mark.slow
+def test_currents_of_two_axes_are_exchanged_although_their_amplifiers_are_late(tmp_path):
+    sound = campaigns.campaign(tmp_path / "sound", "hmb_radial", effect("amplifier_lag", 5e-5), names=("base",))
+
+    def change(columns):
+        columns["current_x"], columns["current_y"] = columns["current_y"], columns["current_x"]
+
+    assert not any(f.code == "swapped" for f in changed(sound, tmp_path / "same", "base", lambda columns: None))
+    found = changed(sound, tmp_path / "c", "base", change)
+    assert found[0].code == "swapped" and set(found[0].channel.split(" or ")) == {"current_x", "current_y"}
 
 
 def test_gains_of_another_recording_are_named(sound, tmp_path):
@@ -374,5 +386,4 @@ def test_a_displacement_quieter_than_its_sensor_is_told(open_folder, tmp_path):
 def test_columns_are_not_exchanged_where_an_axis_has_nothing_left_to_compare():
     """A command and a set point that never moves, the other way round: the other axis alone agrees."""
     row = SimpleNamespace(code="amplifier", off=False)
-    assert _agree([row, row], ["amplifier", "amplifier"]) and _agree([row])
-    assert not _agree([row], ["amplifier", "amplifier"]) and not _agree([])
+    assert _as_many([row, row], [row, row]) and not _as_many([row], [row, row])
