@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
-from maglev_env.evaluation.known_mass import within_tolerance_of_mass
+from maglev_env.evaluation.known_mass import planar_within_tolerance_of_mass, within_tolerance_of_mass
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.each_recording import each_recording
@@ -103,6 +103,9 @@ def identify_campaign(
     for members in loops.values():
         records = [signals for _, signals in members]
         both = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
+        if campaign.rig is not None:
+            x, y = (axis_rig(campaign.rig, axis).tolerance.get("mass", 0.0) for axis in range(2))
+            both = planar_within_tolerance_of_mass(both, (x, y))
         found.planar.append((" + ".join(file for file, _ in members), both))
     if found.open:
         try:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from maglev_env.evaluation.identification import identify
-from maglev_env.evaluation.known_mass import within_tolerance_of_mass
+from maglev_env.evaluation.identification_planar import identify_planar
+from maglev_env.evaluation.known_mass import planar_within_tolerance_of_mass, within_tolerance_of_mass
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.recording import simulated_recording
@@ -49,3 +50,26 @@ def test_a_mass_that_was_fitted_or_is_exact_widens_nothing():
     assert within_tolerance_of_mass(known, 0.0) is known
     fitted = identify(signals, rig, None, estimate_mass=True)
     assert within_tolerance_of_mass(fitted, TOLERANCE) is fitted
+
+
+def test_of_two_axes_the_direct_stiffnesses_grow_by_what_other_masses_change():
+    rig = load_rig("hmb_radial")
+    first = protocol_experiment(rig, seed=5)
+    records = []
+    for turn in (0.0, 90.0):
+        forces = tuple(replace(one, direction=turn) for one in first.excitations if one.at == "force")
+        e = replace(first, excitations=forces, periods=3)
+        dataset = simulated_recording(e, simulate_records([e])[0])
+        channels = {str(n): dataset[n].values for n in dataset.data_vars}
+        records.append(RecordedSignals(channels, rig.control_rate, e.excitations, rig.control_rate, e.gains))
+    known, heavier = (identify_planar(records, rig, rig.mass * (1 + more)) for more in (0.0, TOLERANCE))
+    found = planar_within_tolerance_of_mass(known, (TOLERANCE, TOLERANCE))
+    more = np.sqrt(found.estimate.stiffness_se**2 - known.estimate.stiffness_se**2)
+    moved = abs(heavier.estimate.stiffness - known.estimate.stiffness)
+    sure, error = known.estimate.informative, known.estimate.stiffness_se
+    for axis in range(2):
+        np.testing.assert_allclose(
+            more[sure, axis, axis], moved[sure, axis, axis], rtol=0.05, atol=0.1 * error[sure, axis, axis].max()
+        )
+        assert (more[sure, axis, 1 - axis] == 0).all()
+    assert (found.estimate.stiffness_high >= known.estimate.stiffness_high)[sure].all()
