@@ -17,6 +17,7 @@ from sim2real.coefficients import Coefficient, coefficients_alone, coefficients_
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
 from sim2real.search.fitting import Fit, cost_of, differentiate, iterate
+from sim2real.words import quantity
 
 CLEAR = 3.0  # standard errors from which the axes differ
 STEPS = 6  # of a fit of a part, which begins at that of all
@@ -56,9 +57,9 @@ def _of_both(x: Coefficient, y: Coefficient) -> Coefficient:
 
 
 def _in_words(x: Coefficient, y: Coefficient) -> str:
-    shown = " and ".join(f"{c.value:.4g} +- {c.se:.2g} along {n}" for c, n in zip((x, y), AXES, strict=True))
+    shown = " and ".join(f"{quantity(c.value, c.se, c.unit)} along {n}" for c, n in zip((x, y), AXES, strict=True))
     return (
-        f"{x.name.replace('_', ' ')} is {shown} ({x.unit}): no value holds for both axes, and the interval "
+        f"{x.name.replace('_', ' ')} is {shown}: no value holds for both axes, and the interval "
         "reaches both; state what differs in [axis.x] and [axis.y] of the rig"
     )
 

@@ -34,6 +34,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.fitting import Fit
 from sim2real.second_body import BODY, SecondBody, body_in_words, second_body_of, with_second_body
+from sim2real.words import quantity
 
 CLEAR = 3.0  # standard errors, for one coefficient alone, from which a recording disagrees with all of them
 SURELY = 2.0  # standard errors above the nominal damping from which an identified one counts as damping
@@ -238,8 +239,8 @@ def _contradictions(moving: Sequence[Coefficient], resting: Sequence[Coefficient
         apart = abs(c.value - other.value) / float(np.hypot(c.se, other.se))
         if apart > CLEAR:
             found.append(
-                f"{c.name.replace('_', ' ')} by motion is {c.value:.4g} +- {c.se:.2g} {c.unit}, and by means and "
-                f"weight {other.value:.4g} +- {other.se:.2g}: {apart:.1f} standard errors apart; check offset, scale "
+                f"{c.name.replace('_', ' ')} by motion is {quantity(c.value, c.se, c.unit)}, and by means and weight "
+                f"{quantity(other.value, other.se, c.unit)}: {apart:.1f} standard errors apart; check offset, scale "
                 "and timing of the current, and the force law"
             )
     return found
@@ -253,7 +254,7 @@ def _pulled(joint: Sequence[Coefficient], resting: Sequence[Coefficient]) -> lis
         apart = abs(c.value - own.value) / own.se
         if apart > CLEAR:
             found.append(
-                f"{own.name.replace('_', ' ')} by means and weight is {own.value:.4g} +- {own.se:.2g} {own.unit}, and "
+                f"{own.name.replace('_', ' ')} by means and weight is {quantity(own.value, own.se, own.unit)}, and "
                 f"motion pulls it {apart:.1f} standard errors away, to {c.value:.4g}; check offset, scale and timing "
                 "of the current, and the force law"
             )
@@ -286,7 +287,8 @@ def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coeffi
         spread = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2))
         if a.identified and b.identified and spread > 0 and abs(a.value - b.value) > limit * spread:
             found[a.name] = (
-                f"{name}: {a.name.replace('_', ' ')} {a.value:.4g} +- {a.se:.2g} {a.unit}, and {b.value:.4g} of all "
-                f"recordings together: {abs(a.value - b.value) / spread:.1f} standard errors apart"
+                f"{name}: {a.name.replace('_', ' ')} {quantity(a.value, a.se, a.unit)}, and "
+                f"{quantity(b.value, b.se, b.unit)} of all recordings together: {abs(a.value - b.value) / spread:.1f} "
+                "standard errors apart"
             )
     return found

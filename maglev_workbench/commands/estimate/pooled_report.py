@@ -10,8 +10,9 @@ import numpy as np
 from estimation.normal import NORMAL_95
 from maglev_env.evaluation.identification import Identification
 from maglev_env.units import prefixed
+from maglev_workbench.commands.estimate.each_figure import each_figure, shown_unit
 from maglev_workbench.commands.estimate.gain_report import gain_json, gain_line, gain_sections
-from maglev_workbench.page import html_text
+from maglev_workbench.page import html_text, note
 from maglev_workbench.page import table as html_table
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
@@ -50,7 +51,12 @@ def pooled_sections(found: Pooled, apart: Sequence[str] = ()) -> "list[tuple[str
     if found.of_each:
         head, rows = _each(found)
         typeset = [[cell.replace(" +- ", " ± ") for cell in row] for row in rows]
-        sections.append(("Each recording alone", html_table(head, typeset)))
+        drawn = each_figure(found)
+        if drawn is not None:
+            mind = "Bars: 95 %, as each recording tells it alone, and of all together; dotted: the nominal rig."
+            sections += [("Each recording alone", drawn), ("", note(mind) + html_table(head, typeset))]
+        else:
+            sections.append(("Each recording alone", html_table(head, typeset)))
     return sections + (gain_sections(found.gain) if found.gain is not None else [])
 
 
@@ -67,10 +73,15 @@ def each_table(found: Pooled) -> "rich.table.Table":
 
 def _each(found: Pooled) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Head and rows: a coefficient a column, +- standard error; a dash where a recording says nothing of it."""
-    head = ("alone, +- standard error", *(f"{c.name.replace('_', ' ')}, {c.unit}" for c in found.coefficients))
+    units = {c.name: shown_unit(c) for c in found.coefficients}
+    head = ("alone, +- standard error", *(f"{name.replace('_', ' ')}, {unit}" for name, (_, unit) in units.items()))
     rows = []
     for name, own in found.of_each.items():
-        said = {c.name: f"{c.value:.4g} +- {c.se:.2g}" if c.identified else _untold(c) for c in own}
+        said = {
+            c.name: f"{c.value * units[c.name][0]:.4g} +- {c.se * units[c.name][0]:.2g}" if c.identified else _untold(c)
+            for c in own
+            if c.name in units
+        }
         rows.append((name, *(said.get(c.name, "-") for c in found.coefficients)))
     return head, rows
 
@@ -78,7 +89,7 @@ def _each(found: Pooled) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 def _rows(found: Pooled) -> list[tuple[str, ...]]:
     rows = []
     for c in found.coefficients:
-        scale, unit = prefixed(c.nominal or max(c.interval, key=abs), c.unit)
+        scale, unit = shown_unit(c)
         low, high = (end * scale for end in c.interval)
         interval = f"{low:.4g} .. {high:.4g}" if c.identified else _untold(c)
         change = "-" if c.change is None or not c.identified else f"{c.change:+.1%}"

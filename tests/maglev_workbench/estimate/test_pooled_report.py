@@ -1,9 +1,11 @@
 """What is said below the pooled estimate."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
+from maglev_workbench.commands.estimate.each_figure import ALL, each_figure
 from maglev_workbench.commands.estimate.pooled_report import apart_lines, pooled_json, pooled_lines, pooled_sections
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
@@ -26,7 +28,7 @@ def test_a_coefficient_at_its_limit_and_a_holdout_are_said():
 
 
 def test_the_page_shows_each_recording_and_the_rest():
-    (_, whole), (heading, table) = pooled_sections(FOUND)
+    (_, whole), (heading, _), (_, table) = pooled_sections(FOUND)
     assert AT_BOUND in whole and "-0.2" not in whole and AT_BOUND in table  # no interval where the search ends
     assert heading == "Each recording alone"
     assert table.count("<tr>") == 3 and AT_REST in table and "0.6 ± 0.02" in table
@@ -44,3 +46,14 @@ def test_a_response_that_contradicts_the_fit_is_said(gain, stiffness, apart):
     for word, number in (("gain", f"{gain:.4g} +- 0.039 N/A"), ("stiff", f"{stiffness:.4g} +- 2 N/m")):
         assert any(number in line for line in lines) == (word in apart)
     assert ("steps.txt" in dict(pooled_sections(fitted, lines))["The rig in all recordings"]) == bool(apart)
+
+
+def test_a_figure_shows_each_recording_beside_all_of_them():
+    late = Coefficient("delay", "s", 90e-6, 2e-6, 0.0, True)
+    found = Pooled((GAIN, late), 1.0, {}, {"a.csv": (GAIN,), "b.csv": (replace(GAIN, value=0.62), late)})
+    figure = each_figure(found)
+    gain, delay = figure.data
+    assert list(gain.y) == ["a.csv", "b.csv", ALL] and list(delay.y) == ["b.csv", ALL]
+    assert gain.x[1] == 0.62 and gain.error_x.array[1] == pytest.approx(1.96 * GAIN.se, rel=1e-3)
+    assert delay.x[0] == pytest.approx(90) and figure.layout.xaxis2.title.text == "delay, µs"
+    assert each_figure(Pooled((GAIN,), 1.0, {}, {})) is None
