@@ -16,6 +16,7 @@ BENT = 5  # coefficients of a curve of stiffness and damping over a band
 # Probability that noise alone is taken for distortion: what it then adds is small, and distortion that is missed leaves
 # intervals too narrow.
 BY_CHANCE = 1e-3
+FEWEST = 2.0  # lines of a record that the curves must leave, so that it tells its own distortion
 LEAST_FREEDOM = 5.0  # of an estimate of noise, so that a variance of what it divides exists
 
 
@@ -43,12 +44,12 @@ def distorted(lines: PlanarLines, masses: np.ndarray, coefficients: np.ndarray) 
     parts = [_beside(lines, motion, left[..., axis], level[..., axis]) for axis in range(2)]
     rest, spare, joint = (np.stack(part, axis=1) for part in zip(*parts, strict=True))  # (lanes, 2, records, ...)
     bent = rest.sum((1, 2)) > _highest(lines, noise, spare, joint)
-    # Of a record whose few lines those curves explain nearly all, what is left tells little: what all records show
-    # counts there as one line.
-    level = np.swapaxes(level, 1, 2)[bent]
-    more = (rest - spare)[bent] * level
-    shown = more.sum(axis=-1, keepdims=True) / spare[bent].sum(axis=-1, keepdims=True)
-    power = np.maximum((more + shown) / (spare[bent] + 1), 0.0)  # of the force, (lanes, 2, records)
+    level, spare = np.swapaxes(level, 1, 2)[bent], spare[bent]
+    more = (rest[bent] - spare) * level
+    # A record whose few lines those curves explain nearly all tells nothing of its own: what all show counts.
+    shown = np.where(spare < FEWEST, more.sum(-1, keepdims=True), more)
+    of = np.where(spare < FEWEST, spare.sum(-1, keepdims=True), spare)
+    power = np.maximum(shown / of, 0.0)  # of the force, (lanes, 2, records)
     moves = np.linalg.inv(-error[bent][..., 2:]) * np.sqrt(np.swapaxes(power, 1, 2))[:, lines.record, None, :]
     own = lines.own[bent]
     own[..., 2:, 2:] += moves @ np.conj(np.swapaxes(moves, -1, -2))

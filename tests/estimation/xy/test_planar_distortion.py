@@ -21,15 +21,18 @@ def moved(f):
     return np.linalg.inv(STIFFNESS - np.eye(2) * MASS * w**2 + 1j * w * DAMPING)
 
 
-def lines(size, counts=(15, 15), periods=(5, 5), correlation=None):
-    """Of two records with a force of an rms size at each line that is not recorded, as share of the one that is."""
+def lines(size, counts=(15, 15), periods=(5, 5), correlation=None, bent=(0, 1)):
+    """Of two records with a force of an rms size at each line that is not recorded, as share of the one that is.
+
+    It is in the records `bent`.
+    """
     rng, records = np.random.default_rng(15), []
     for i, (count, p) in enumerate(zip(counts, periods, strict=True)):
         f = 70.0 + np.linspace(-7.0, 7.0, count)
         expected = planar_record(f, DIAGONALS[i], noise_levels(f, 100), correlation, periods=p)
         drawn = draw(expected, LANES, (16, i))
         force = size * (rng.standard_normal((LANES, f.size, 2, 2)) @ np.array([1, 1j])) / np.sqrt(2)
-        drawn.mean[:, 2:] += np.moveaxis((moved(f) @ force[..., None])[..., 0], 1, 2)
+        drawn.mean[:, 2:] += (i in bent) * np.moveaxis((moved(f) @ force[..., None])[..., 0], 1, 2)
         records.append(drawn)
     return planar_lines(records, BAND)
 
@@ -75,3 +78,11 @@ def test_a_force_that_is_not_recorded_is_found_and_counts_as_the_noise_that_it_m
     wanted = np.diagonal(expected, axis1=-2, axis2=-1).real
     assert np.abs(found / wanted - 1).max() < 0.35
     assert np.abs(found / wanted - 1)[plain.record == 0].max() < 0.2
+
+
+def test_what_one_record_scatters_is_not_counted_in_another():
+    plain = lines(0.1, bent=(0,))
+    rough, share = distorted(plain, MASSES, TRUE)
+    added = np.diagonal((rough.own - plain.own[share > 0])[..., 2:, 2:], axis1=-2, axis2=-1).real.mean(axis=0)
+    other, own = (added[plain.record == i] for i in (1, 0))  # at the same frequencies
+    assert (share > 0).all() and (other < 0.05 * own).all()
