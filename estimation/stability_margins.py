@@ -131,7 +131,12 @@ def _margin_arrays(grid: Array, gain: NDArray[np.complex128]) -> dict[str, Array
 
 
 def margins(
-    frequency: ArrayLike, sensitivity: ArrayLike, variance: ArrayLike, draws: int = 400, seed: int = 0
+    frequency: ArrayLike,
+    sensitivity: ArrayLike,
+    variance: ArrayLike,
+    draws: int = 400,
+    seed: int = 0,
+    freedom: float = np.inf,
 ) -> Margins:
     """Margins of one loop with 95 % intervals by a seeded parametric bootstrap.
 
@@ -141,6 +146,7 @@ def margins(
         variance: Its variance E|noise|^2 (n,); the noise is circular complex Gaussian and independent between lines.
         draws: Number of bootstrap draws, at least 100; 0 for no intervals.
         seed: Seed of the draws.
+        freedom: Degrees of freedom of the variance of neighbouring lines; infinite where it is known.
 
     Raises:
         ValueError: Bad input.
@@ -164,7 +170,7 @@ def margins(
     if not np.isnan(middle["gain_margin_high"]):
         values |= {name: middle[name] for name in ("gain_margin_high", "gain_margin_high_frequency")}
     reasons = _reasons(f, np.abs(s), values)
-    intervals = _intervals(f, centre, noise, values, middle, draws, seed) if draws else {}
+    intervals = _intervals(f, centre, noise, values, middle, _drawn(noise, draws, seed, freedom)) if draws else {}
     fields: dict[str, Any] = {name: None if np.isnan(value) else value for name, value in values.items()}
     return Margins(**fields, reasons=reasons, intervals=intervals)
 
@@ -201,11 +207,22 @@ def _gain_crossings(grid: Array, gain: NDArray[np.complex128]) -> tuple[Crossing
     return found, {"gain_margin_high": high, "gain_margin_low": np.where(re_at < -1, -re_at, np.inf)}
 
 
+def _drawn(variance: Array, draws: int, seed: int, freedom: float) -> NDArray[np.complex128]:
+    """Noise (draws, n), as large in each draw as its true variance may be, given one of so many degrees of freedom."""
+    rng = np.random.default_rng(seed)
+    parts = rng.standard_normal((2, draws, variance.size)) * np.sqrt(variance / 2)
+    # A margin depends on lines that lie close together, and their variances are estimated together.
+    larger = np.sqrt(freedom / rng.chisquare(freedom, (draws, 1))) if np.isfinite(freedom) else 1.0
+    return np.asarray((parts[0] + 1j * parts[1]) * larger, dtype=np.complex128)
+
+
 def _quantiles(values: Array) -> tuple[float, float]:
     present = values[~np.isnan(values)]
     if present.size == 0:
         return np.nan, np.nan
-    low, high = np.quantile(present, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    # Of n draws another one lies below the k-th with probability k / (n + 1); by the usual quantiles, which place the
+    # ends at the extreme draws, 400 of them would cover half a percent too little.
+    low, high = np.quantile(present, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], method="weibull")
     return float(low), float(high)
 
 
@@ -215,13 +232,11 @@ def _intervals(
     variance: Array,
     values: Mapping[str, float],
     middle: Mapping[str, float],
-    draws: int,
-    seed: int,
+    noise: NDArray[np.complex128],
 ) -> dict[str, Interval]:
-    """Intervals from draws around the smoothed sensitivity `centre`, whose margins are `middle`."""
-    noise = np.random.default_rng(seed).standard_normal((2, draws, f.size)) * np.sqrt(variance / 2)
+    """Intervals from draws of the noise around the smoothed sensitivity `centre`, whose margins are `middle`."""
     size = np.abs(centre) ** 4
-    grid, gain = _refined(f, centre + noise[0] + 1j * noise[1])
+    grid, gain = _refined(f, centre + noise)
     drawn = _margin_arrays(grid, gain)
     ends: dict[str, tuple[float, float]] = {}
     for name in ("peak_sensitivity", "peak_frequency", "phase_margin", "delay_margin", "disk_margin"):
@@ -230,7 +245,7 @@ def _intervals(
         scale = values[name] * middle[name]
         ends[name] = scale / high, scale / low
     # An upper gain margin is that of the smooth curve, and is drawn as that of smooth curves.
-    smooth = _margin_arrays(*_refined(f, _smoothed(f, loop_gain(centre + noise[0] + 1j * noise[1]), variance / size)))
+    smooth = _margin_arrays(*_refined(f, _smoothed(f, loop_gain(centre + noise), variance / size)))
     drawn["gain_margin_high"] = smooth["gain_margin_high"]
     ends["gain_margin_high"] = _quantiles(drawn["gain_margin_high"])
     # Noise adds crossings: the near end takes the worst of each draw, the far end the best that may be the one of the

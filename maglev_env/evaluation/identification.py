@@ -192,7 +192,7 @@ def identify(
         notes.append(f"the lag of the nominal probe, {rig.sensor_time_constant * 1e6:.3g} µs, is taken out")
     if dropped:
         notes.append(f"the first {dropped} period(s) carry a transient and were dropped")
-    notes += spectra.tone_notes
+    notes += spectra.notes
     if spectra.leftover:
         notes.append(f"{spectra.leftover} samples after the last whole period were not used")
     if signals.hold_rate and not actuator:

@@ -66,7 +66,7 @@ def identify_planar(
     if rig is not None and rig.axes == 2:
         masses = tuple(mass * axis_rig(rig, axis).mass / rig.mass for axis in range(2))
     estimate = eight_coefficients(forces, bands, masses)
-    notes = list(dict.fromkeys(note for one in spectra for note in one.tone_notes))
+    notes = list(dict.fromkeys(note for one in spectra for note in one.notes))
     refused = ~estimate.identifiable
     if refused.any():
         worst = estimate.condition[refused].min()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.iso_14839 import iso_14839_3_zone
-from estimation.lines.frequency_response import frequency_response, loop_variance
+from estimation.lines.frequency_response import POOL, frequency_response, loop_variance
 from estimation.normal import NORMAL_95
 from estimation.stability_margins import Interval, Margins, margin_arrays, margins
 from maglev_env.evaluation.bands import nominal_response
@@ -61,7 +61,8 @@ def stability_of(
     else:
         return None, "no injection at the current and no nominal controller: nothing can be said of the loop's margins"
     variance = loop_variance(loop.frequency, s, variance)
-    found = margins(loop.frequency, s, variance)
+    # The variance of a line is the mean over its neighbours of scatters over the periods.
+    found = margins(loop.frequency, s, variance, freedom=2 * POOL * (loop.periods - 1))
     if source != "injection" and rig is not None and signals.gains is not None:
         found = _within_tolerance(found, loop.frequency, receptance, rig, signals.gains)
     zone3 = iso_14839_3_zone(found.peak_sensitivity)

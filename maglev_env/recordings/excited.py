@@ -8,6 +8,7 @@ from estimation.lines.periods import period_drift, period_spectra, split_periods
 from maglev_env.channels import SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import RecordingSpec
+from maglev_env.recordings.clock import CLEAR, TURNED
 from maglev_env.rig.excitation import Excitation
 
 if TYPE_CHECKING:
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
 # A line is driven where it exceeds so many standard deviations of its mean, and this share of the strongest line.
 LINE_SIGNIFICANCE, LINE_FLOOR = 3.0, 1e-6
-CLEAR = 8.0  # standard errors from which a drift of the periods is another clock
-TURNED = 0.1  # rad by which it must turn the highest line over the recording to take lines away
 LINES_SHOWN = 8  # of those without excitation that a message lists
 
 

@@ -19,6 +19,7 @@ from estimation.lines.tones import FURTHER, MOST, Tone, beside_tone, remove_tone
 from maglev_env.channels import ANALYSED, SHOWN_BY
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import Controllers, of_axis
+from maglev_env.recordings.clock import SAMPLES, corrected
 from maglev_env.rig.excitation import PLACES, Excitation, axis_excitations, lines_at
 
 UNSTEADY = (
@@ -80,6 +81,7 @@ class RecordSpectra:
         transient_periods: Leading periods that were dropped.
         leftover: Samples that belong to no period.
         tones: What was removed, as it does not repeat with the excitation.
+        fast: Share by which the recorder's clock was fast, which was corrected.
     """
 
     all: LineStatistics
@@ -88,10 +90,19 @@ class RecordSpectra:
     transient_periods: int
     leftover: int
     tones: tuple[Tone, ...] = ()
+    fast: float = 0.0
 
     @property
-    def tone_notes(self) -> tuple[str, ...]:
-        """What was taken out, in words."""
+    def notes(self) -> tuple[str, ...]:
+        """What was taken out or corrected, in words."""
+        if not self.fast:
+            return self._tone_notes
+        which = "fast" if self.fast > 0 else "slow"
+        clock = f"the recorder's clock is {1e6 * abs(self.fast):.3g} ppm {which} against that of the excitation"
+        return (f"{clock}: the recording was resampled by the latter", *self._tone_notes)
+
+    @property
+    def _tone_notes(self) -> tuple[str, ...]:
         if not self.tones:
             return ()
         at = ", ".join(f"{tone.frequency:.4g}" for tone in sorted(self.tones, key=lambda t: t.frequency))
@@ -132,19 +143,19 @@ def record_spectra(signals: RecordedSignals) -> RecordSpectra:
     if all(e.kind == "none" for e in signals.excitations):
         raise ValueError("nothing is excited along this axis: there is no response to it")
     if signals.periodic:
-        statistics, dropped, rest, tones = _periodic(signals)
+        statistics, dropped, rest, tones, fast = _periodic(signals)
         driven = {place: lines_at(signals.excitations, place) for place in PLACES}
     else:
         recorded = [e for e in signals.excitations if e.kind == "recorded"]
         if len(recorded) != 1:
             raise ValueError(f"{len(recorded)} recorded excitations: responses need exactly one, or a periodic one")
-        statistics, dropped, rest, tones = _aperiodic(signals, recorded[0]), 0, 0, ()
+        statistics, dropped, rest, tones, fast = _aperiodic(signals, recorded[0]), 0, 0, (), 0.0
         driven = {place: statistics.lines[: None if place == recorded[0].at else 0] for place in PLACES}
     force = statistics.at_lines(driven["force"])
     if signals.hold_rate:
         for name in force.channels:
             force = held(force, name, signals.hold_rate) if name.partition("_")[0] == "force" else force
-    return RecordSpectra(statistics, force, driven, dropped, rest, tones)
+    return RecordSpectra(statistics, force, driven, dropped, rest, tones, fast)
 
 
 def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
@@ -152,12 +163,16 @@ def _stacked(signals: RecordedSignals) -> tuple[tuple[str, ...], np.ndarray]:
     return names, np.stack([signals.channels[n] for n in names])
 
 
-def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple[Tone, ...]]:
+def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple[Tone, ...], float]:
     periodic = [e for e in signals.excitations if e.periodic]
     per_period, every = periodic[0].block(signals.sample_rate)
     names, stack = _stacked(signals)
     driven = np.union1d(lines_at(periodic), signals.elsewhere)
     lines = np.arange(1, driven.max() + 1)
+    # By another clock no period is whole, and every line leaks onto its neighbours in every period alike.
+    fast = 0.0
+    if not signals.left_out and SAMPLES * driven.max() * every <= per_period:
+        stack, fast = corrected(stack, names, periodic, (per_period, every))
     # What was bridged in a masked period is left out before the transient is looked for.
     periods = np.delete(split_periods(stack, per_period), list(signals.left_out), axis=0)
     moved = [i for i, name in enumerate(names) if name.partition("_")[0] == "displacement"]
@@ -180,7 +195,7 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple
         amplitude = np.concatenate(list(tone.amplitude.values()))
         if tone.frequency < statistics.frequency[-1] + periodic[0].fundamental / 2:
             statistics = beside_tone(statistics, tone, amplitude, moved)
-    return statistics, dropped, stack.shape[1] % per_period, tuple(found)
+    return statistics, dropped, stack.shape[1] % per_period, tuple(found), fast
 
 
 def _without_tones(periods: np.ndarray, names: Sequence[str], rate: float) -> tuple[np.ndarray, list[Tone]]:

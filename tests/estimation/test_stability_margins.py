@@ -4,9 +4,10 @@ from dataclasses import replace
 import control as ct
 import numpy as np
 import pytest
+import scipy
 
 from estimation.iso_14839 import iso_14839_2_zone, iso_14839_3_zone
-from estimation.stability_margins import TOGETHER, loop_gain, margin_arrays, margins, peak_sensitivity
+from estimation.stability_margins import TOGETHER, _quantiles, loop_gain, margin_arrays, margins, peak_sensitivity
 from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
@@ -162,6 +163,22 @@ def test_the_interval_holds_its_value_and_depends_on_the_seed_only():
     for name in QUANTITIES:
         low, high = first.intervals[name]
         assert (low is None or low <= getattr(first, name)) and (high is None or getattr(first, name) <= high)
+
+
+def test_a_variance_of_few_periods_widens_the_interval_as_student_says():
+    """Where the noise is small the ends are those of a t distribution, and no end of 400 draws is their extreme one."""
+    clean = sensitivity(LINES)
+    variance = (0.003 * np.abs(clean)) ** 2
+    known, guessed = (margins(LINES, clean, variance, draws=1500, freedom=n).intervals for n in (np.inf, 8))
+    for name in ("peak_sensitivity", "phase_margin", "delay_margin", "disk_margin"):
+        wider = np.subtract(*guessed[name]) / np.subtract(*known[name])
+        assert wider == pytest.approx(scipy.stats.t.ppf(0.975, 8) / scipy.stats.norm.ppf(0.975), rel=0.1), name
+
+
+def test_the_ends_leave_one_fortieth_outside_however_few_the_draws_are():
+    """Of 39 draws and one that is to come, each is the smallest with a probability of one fortieth."""
+    assert _quantiles(np.arange(1.0, 40.0)) == pytest.approx((1.0, 39.0))
+    assert _quantiles(np.arange(1.0, 400.0)) == pytest.approx((10.0, 390.0))
 
 
 @pytest.mark.slow

@@ -25,10 +25,11 @@ the same experiments without noise gives, of stiffness and damping over a band o
 mean sensitivity. Where the law is not smooth (friction, hysteresis), noise in the loop is part of what responds, and
 the mean is that of the noisy experiments. From the injection alone, gain, stiffness and damping are those of the rig;
 of x-y rigs the truth is the mean of the estimates without noise. The intervals of the gain margins are knowingly
-cautious where the loop gain is near its noise. A rotor that turns is a tone, which is taken out before the lines are
-looked at. Known to cover less: the disk margin of the preset, by .03 to .08 (its errors are a fifth too small);
-the peak sensitivity where a floor shakes there; and the stiffness of x-y rigs that are bent, or where distortion is
-half of the noise, which does not tell it (three times the force).
+cautious where the loop gain is near its noise. The mass is that of the rig: what its [tolerance] adds to the intervals
+of `maglev estimate` is not counted here. A rotor that turns is a tone, which is taken out before the lines are
+looked at. Known to cover less: the disk margin of the preset, by .01 to .02 (conditions share their draws, so that one
+seed may show more in all of them); the peak sensitivity where a floor shakes there; and the stiffness of x-y rigs that
+are bent, or where distortion is half of the noise, which does not tell it (three times the force).
 
 Of recordings that do not repeat, the truth is the linearisation of the rig that is drawn: it differs from the one that
 the estimate is told by what its [tolerance] allows, of a suspended ball also by the form of its force law, and its

@@ -159,8 +159,8 @@ Figure 6.13|estimator and demodulation|r:estimator-tracking
 Figure 6.14|frequency response of the estimator|r:estimator-response:its gains are chosen to give the 18 degrees
 Figure 6.15|structure of the circuit|d
 Figure 6.16|current sensor|p
-Figure 6.17|sensed coil current|x:the triangle is simulated; the step at its peak, put down to eddy currents, has no \
-published size: laminations has what they make
+Figure 6.17|sensed coil current|c:laminations:eddy currents in the laminations make no step that the sensor would \
+show as vertical
 Figure 6.18|band-pass circuit|c:band-pass:centre, width and gain do not have the published edges
 Figure 6.19|current behind the band-pass|r:band-pass
 Figure 6.20|rms converter|x:its part values are in the figure only; its averaging is assumed in band-pass

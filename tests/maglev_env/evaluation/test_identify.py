@@ -11,6 +11,7 @@ from estimation.band_mean import band_mean
 from estimation.bands import band_slices
 from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
+from estimation.stability_margins import margins
 from maglev_env.design.protocols import diagnosis_campaign, sphs_campaign
 from maglev_env.evaluation.identification import identify
 from maglev_env.experiment import Experiment, protocol_experiment
@@ -97,6 +98,18 @@ def test_margins_are_measured_with_an_injection_and_labelled_without(levitated):
     assert assumed.stability.margins.gain_margin_high is None
     assert "gain_margin_high" in assumed.stability.margins.reasons
     assert identify(bare, None, rig.mass).stability is None
+
+
+def test_margins_know_from_how_many_periods_their_noise_is(levitated):
+    """Seven neighbouring lines of two periods have 14 degrees of freedom: a twelfth more than a known noise asks."""
+    rig, signals = levitated
+    samples = signals.excitations[0].block(signals.sample_rate)[0]
+    two = {name: values[-2 * samples :] for name, values in signals.channels.items()}
+    found = identify(replace(signals, channels=two), rig, rig.mass).stability
+    here, known = (margins(found.frequency, found.sensitivity, found.variance, freedom=n) for n in (14, np.inf))
+    assert found.margins.intervals == here.intervals
+    wider = np.subtract(*here.intervals["phase_margin"]) / np.subtract(*known.intervals["phase_margin"])
+    assert wider == pytest.approx(stats.t.ppf(0.975, 14) / stats.norm.ppf(0.975), abs=0.1)
 
 
 def test_actual_coefficients_stand_beside_the_effective_ones(levitated):

@@ -105,9 +105,9 @@ def test_a_tone_that_is_no_harmonic_is_taken_out_of_all_channels():
     for off in (0.03, 0.3):
         quiet, found = disturbed(), disturbed(tones=[(2 * (5 + off), 3.0)])
         assert [tone.frequency for tone in found.tones] == pytest.approx([2 * (5 + off)], abs=0.002)
-        (note,) = found.tone_notes
+        (note,) = found.notes
         assert note.startswith(f"a tone of {found.tones[0].frequency:.4g} Hz") and note.endswith("was taken out")
-        assert found.transient_periods == 0 and quiet.tone_notes == ()
+        assert found.transient_periods == 0 and quiet.notes == ()
         away = found.all.lines != 5
         np.testing.assert_allclose(found.all.mean[:, away], quiet.all.mean[:, away], atol=2e-3)
         np.testing.assert_allclose(found.all.covariance[..., away], quiet.all.covariance[..., away], atol=1e-6)
@@ -118,6 +118,42 @@ def test_a_tone_that_is_no_harmonic_is_taken_out_of_all_channels():
             assert own[0] > 10 * scale and own[4] / own[0] == pytest.approx(5**2, rel=0.3)
         else:
             assert ((0.2 * scale < own) & (own < 5 * scale)).all()
+
+
+def by_clock(ppm, periods=7, other=None):
+    """The same signals read by a clock that is fast by some ppm, or the displacement of y by another one."""
+    rng, channels = np.random.default_rng(6), {}
+    for name in planar_signals().channels:
+        lines = {"injection_y": (4, 9), "displacement_x": (1, 3, 4, 7), "displacement_y": (1, 3, 7, 9)}
+        fast = other if other is not None and name == "displacement_y" else ppm
+        t = 2 * np.pi * np.arange(periods * N) / N * (1 - 1e-6 * fast)
+        wave = sum(k * np.cos(k * t + k / 10) for k in lines.get(name, (1, 3, 7)))
+        channels[name] = wave + 1e-3 * rng.standard_normal(t.size)
+    return record_spectra(replace(planar_signals(), channels=channels))
+
+
+@pytest.mark.parametrize("ppm", [1000.0, -2000.0])
+def test_a_clock_that_is_not_the_excitations_is_named_and_corrected(ppm):
+    found = by_clock(ppm)
+    way = "fast" if ppm > 0 else "slow"
+    (note,) = found.notes
+    assert note == (
+        f"the recorder's clock is {abs(ppm):.3g} ppm {way} against that of the excitation: the recording was "
+        "resampled by the latter"
+    )
+    # A fast clock lacks the end of the last period: as much is left out at the start, for all channels alike.
+    assert found.all.periods == (6 if ppm > 0 else 7) and found.transient_periods == 0
+    x, drive = (found.all.amplitude(name) for name in ("displacement_x", "force_x"))
+    driven = np.isin(found.all.lines, (1, 3, 7))
+    np.testing.assert_allclose((x / drive)[driven], 1.0, atol=2e-3)
+    np.testing.assert_allclose(np.abs(x), [k if k in (1, 3, 4, 7) else 0 for k in range(1, 10)], atol=2e-3)
+    assert found.all.cross("displacement_x", "displacement_x").max() < 1e-8  # of a line's noise, not of leakage
+
+
+def test_a_clock_that_hardly_differs_or_is_of_one_channel_alone_is_left_as_it_is():
+    assert by_clock(0.0).fast == by_clock(100.0).fast == 0.0
+    assert by_clock(1000.0, other=0.0).fast == 0.0
+    assert by_clock(1000.0, periods=3).fast == 0.0
 
 
 def test_what_is_not_a_few_tones_is_left_as_it_is():

@@ -12,13 +12,18 @@ from maglev_env.design.hydraulics import impeller
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.rotor.parts import Fluid
 from maglev_env.rotor.rotor import load_rotor
-from maglev_workbench.commands.reproduce.chapters.bearing import future, hydraulics, laminations
+from maglev_workbench.commands.reproduce.chapters.bearing import future, hydraulics, laminations, passive_force, thrust
 from maglev_workbench.commands.reproduce.registry import HOME, chosen
 
 MU_0 = 4e-7 * np.pi
 DIFFERS = {
-    "laminations": ["actuator gain lost at 250 Hz", "lag of the force at 250 Hz"],
+    "laminations": [
+        "actuator gain lost at 250 Hz",
+        "lag of the force at 250 Hz",
+        "steepest flank that a sensor of 150 kHz shows, over the triangle's",
+    ],
     "future-work": ["the same at 14,000 rpm"],
+    "thrust": ["largest passive force over that thrust, Table 5.4", "the same without flow, Table 5.4"],
 }
 
 
@@ -154,3 +159,43 @@ def test_the_passive_force_draws_back_and_begins_with_the_stiffness_of_the_flux_
     assert z[0] == 0 and force[0] == pytest.approx(0, abs=1e-9) and (force[1:] > 0).all()
     (face,) = [r.found for r in chosen(["flux-map"])[0].run(0).rows if r.name == "axial stiffness of one face"]
     assert force[1] / z[1] == pytest.approx(1e3 * face * future.FACES, rel=0.15)
+    assert passive_force.Passive(z, force).stiffness == pytest.approx(1e3 * face * future.FACES, rel=0.06)
+
+
+def test_a_sensor_shows_the_current_late_and_without_its_corners():
+    """The lag of first order, by steps over many periods."""
+    rig, steps, band = load_rig("eframe"), 4000, 150e3
+    time = np.arange(steps) * laminations.PERIOD / steps
+    current = laminations.switched(rig, 1000.0, time)
+    keep, read, shown = np.exp(-2 * np.pi * band * time[1]), 0.0, np.zeros(steps)
+    for _ in range(3):
+        for i in range(steps):
+            read = keep * read + (1 - keep) * (current[i] + current[i - 1]) / 2
+            shown[i] = read
+    assert np.abs(shown - laminations.switched(rig, 1000.0, time, band)).max() < 2e-3 * np.ptp(current)
+    slope = np.diff(shown[: steps // 2 + 1 : 10])[:200].max() / (np.ptp(laminations.switched(rig, None, time)) / 200)
+    assert slope == pytest.approx(laminations.steepest(rig, 1000.0, band), rel=0.02)
+
+
+@pytest.mark.parametrize("litres", [0.0, 5.0, 9.0])
+def test_the_static_pressure_is_what_the_impeller_adds_less_the_swirl_that_it_makes(litres):
+    """Energy: Euler's rise is of the total pressure, and the axial velocity does not change."""
+    pump = replace(hydraulics.PUMP, outlet_angle=radians(20))
+    blades = impeller(pump, *hydraulics.PRINTED_ANGLES)
+    axial, u = pump.axial_velocity * litres / 5, blades.blade_velocity
+    before, after = axial * tan(blades.straightener_angle), u - axial * tan(radians(20))
+    total = future.pump_curve(pump, blades, np.array([litres]), lossy=False)[0]
+    expected = total - pump.density / 2 * (after**2 - before**2)
+    assert thrust.static_rise(pump, blades, np.array([litres]))[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_load_is_balanced_by_the_passive_force_or_not_held():
+    z = np.linspace(0.0, 1.4e-3, 15)
+    pull = 4.0 * np.sin(z / 0.9e-3)  # largest at 1.41 mm, beyond the last point
+    passive = passive_force.Passive(z, pull, 2000.0)
+    scale = 2000.0 / (4.0 / 0.9e-3)
+    assert passive.most == pytest.approx(4.0 * scale, rel=1e-3)
+    place, share = passive.at(1.0)
+    assert place == pytest.approx(0.9e-3 * np.arcsin(1.0 / (4.0 * scale)), rel=1e-3)
+    assert share == pytest.approx(np.cos(place / 0.9e-3), rel=1e-3)
+    assert np.isnan(passive.at(1.01 * passive.most)).all()

@@ -105,6 +105,8 @@ def test_eq_6_25_hardly_moves_the_duty_and_edges_on_samples_corrupt_the_reading(
         )
     )
     assert rms < 1.3 * at_half and on_samples == pytest.approx(8.21, abs=0.05)
+    agrees = {row.name: row.agrees for row in outcome("forward-path").rows if row.agrees is not None}
+    assert [name for name, agreed in agrees.items() if not agreed] == ["that swing, exact edges: error, rms"]
     # alpha (1 - alpha) of 0.6 is 4 % less than of 0.5: 14 µm of the gap's 350, for half of the time.
     largest = found("forward-path", "that swing, edges on samples: largest error").found
     assert 14 < largest < 1.05 * 400 * 0.04 + 3

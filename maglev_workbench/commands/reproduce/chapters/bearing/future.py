@@ -13,9 +13,8 @@ from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.rotor.run_up import run_up
 from maglev_workbench.commands.reproduce.chapter_figures import by_frequency
 from maglev_workbench.commands.reproduce.chapters.bearing import hydraulics
-from maglev_workbench.commands.reproduce.chapters.bearing.flux_map import RING, STEP, field, section
+from maglev_workbench.commands.reproduce.chapters.bearing.passive_force import FACES, TABLE_5_4, Passive, axial_pull
 from maglev_workbench.commands.reproduce.item import Item, Outcome, Row, Table
-from selfsense.coil import MU_0
 
 DESIGN, TOP, WORST = 9007.05, 14_000.0, 10_000.0  # rpm
 SUPPLY = 32.5  # W, at 10,000 rpm (3.5)
@@ -25,8 +24,6 @@ BLOOD = (1060.0, 3.5e-3)
 SWIRL = 0.5  # mean turning of the fluid in the gap over that of the rotor
 MEASURED = 5.56e-4  # s: 30 degrees at 150 Hz (6.4)
 SIMULATED = 4.5e-5  # s: dynamic-calibration
-TABLE_5_4 = 2.471e3  # N/m, of both bearings
-FACES = 16  # of two bearings
 FLOWS = np.linspace(0.0, 14.0, 29)  # L/min
 
 
@@ -45,7 +42,7 @@ def run(seed: int) -> Outcome:
     mass = fluid(rotor, *WATER)[0]
     slow, fast = (replace(rotor, axis=replace(rotor.axis, sensor_time_constant=t)) for t in (MEASURED, SIMULATED))
     z, pull = axial_pull(rotor)
-    steep = pull[1] / z[1] / TABLE_5_4
+    steep = Passive(z, pull).stiffness / TABLE_5_4
     rows = (
         Row("touchdowns at zero bias current, 0 to 14,000 rpm", "can be adopted", float(without.touched_down.sum()),
             "", None, "3.5. The magnet gives the bias; the coils need none.", means=(0, 0), kind="prediction"),
@@ -100,8 +97,7 @@ def run(seed: int) -> Outcome:
         "squeezing, both turning with half the speed of the rotor, over the whole assumed length. A gap that is "
         "interrupted by slots and open at its ends has less of each. The half-speed whirl does not depend on the size "
         "alone: without its damping the added mass makes the loop unstable at 9,007 rpm already.",
-        "The stiffness against flow in the axial direction (7.2, point 2) needs the force of the flow on the blades "
-        "and the passive magnets' curve; neither is published, and it is not done here.",
+        "The stiffness against flow in the axial direction (7.2, point 2) is in thrust.",
     )
     curves = [("Euler", most / MMHG), ("less all incidence losses", least / MMHG)]
     figure = by_frequency(FLOWS, curves, "pressure in mmHg").update_xaxes(title_text="flow in L/min")
@@ -155,20 +151,6 @@ def pump_curve(pump: Pump, blades: Impeller, flows: np.ndarray, lossy: bool) -> 
     ideal = np.array([pressure_rise(pump, blades, blades.speed, r * pump.flow_rate) for r in ratio])
     missed = blades.blade_velocity * (1 - ratio)  # at both: the triangles fit at the design flow
     return ideal - lossy * pump.density * missed**2
-
-
-def axial_pull(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
-    """Axial displacements (n,) m and the passive force (n,) N of both bearings, by virtual work at a fixed potential.
-
-    One ring is also drawn along the axis at the centre; that of the other end of its magnet draws against it.
-    """
-    shifts = np.arange(-30, 31, 4)
-    permeance = np.array([section(rotor.axis.gap, int(s)).total for s in shifts])
-    drop = field(rotor.axis, section(rotor.axis.gap, 0).total) * rotor.axis.gap
-    slope = np.diff(permeance) / np.diff(shifts * STEP)
-    force = -0.5 * drop**2 / MU_0 * rotor.axis.pole_area / RING * FACES * (slope - slope[::-1]) / 2
-    z = (shifts[1:] + shifts[:-1]) / 2 * STEP
-    return z[z >= 0], force[z >= 0]
 
 
 ITEM = Item("future-work", "Future work, and a pen", "Sections 7.1, 7.2 and 5.4", run)

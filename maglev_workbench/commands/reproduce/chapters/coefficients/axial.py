@@ -55,7 +55,7 @@ def run(seed: int) -> Outcome:
             "force is not published; see rising-stiffness for others.", kind="fit", again="rising-stiffness"),
         Row("damping over the bands, median", "1 to 6 N s/m", float(np.median(ls.damping)), "N s/m", None,
             f"The rig's is 3.108 everywhere; noise scatters the estimates from {ls.damping.min():.0f} to "
-            f"{ls.damping.max():.0f} N s/m."),
+            f"{ls.damping.max():.0f} N s/m.", means=(1, 6), kind="consequence"),
         Row("damping at the modes, radial over axial", "very much smaller", radial_damping(seed) / table.damping[0, 0],
             "", None, "Figure 5.28. Of the controller's derivative, at 65-80 Hz, and of the passive pull.",
             means=(5, inf), kind="prediction"),

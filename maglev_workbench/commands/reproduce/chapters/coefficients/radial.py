@@ -109,7 +109,8 @@ def direct(seed: int) -> Outcome:
     rows = (
         Row("bearing stiffness, 65-80 Hz, full spring subtracted", None, (near - spring) * 1e-3, "kN/m", None,
             f"k_p and the magnets' pull give {bearing * 1e-3:.1f} kN/m, the derivative 1.7 more."),
-        Row("the same in y", "as in x", (near_y - spring) * 1e-3, "kN/m", None, "The bearing is symmetric."),
+        Row("the same in y over that in x", "as in x", (near_y - spring) / (near - spring), "", None,
+            "The rig is built symmetric.", means=(0.98, 1.02), kind="consequence"),
         Row("bearing stiffness, K_s / sqrt(2) subtracted", None, (near - spring / np.sqrt(2)) * 1e-3, "kN/m", None,
             "As 5.3.2 does. But x = y = v / sqrt(2) and f_x = f / sqrt(2): both shrink alike, and all of K_s acts."),
         Row("error of K_s / sqrt(2)", None, spring * (1 - 1 / np.sqrt(2)) * 1e-3, "kN/m", None,

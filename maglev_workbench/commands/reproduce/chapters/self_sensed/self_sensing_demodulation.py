@@ -21,6 +21,8 @@ from selfsense.simulate import simulate
 from selfsense.validity import SETTLING, refuse_invalid
 
 HERTZ, MOTION = 100.0, 50e-6  # of Fig. 6.9; the motion's size is not published
+MOVED = MOTION / 2**0.5  # m, rms
+SEEN, NOISY = 0.05, 0.1  # shares of it: below the one curves look as one, above the other a curve looks noisy
 CURRENT, LARGE_SWING = 0.2, 0.1  # A of eq 6.25, which gives none: the bias; and a swing of the duty that shows
 DUTIES = np.arange(0.35, 0.651, 0.05)
 FINE = 2.5e6  # Hz: 100 samples per PWM period
@@ -177,23 +179,24 @@ def forward_path(seed: int) -> Outcome:
     off = {name: 1e6 * (read["demodulated"] - own.gap) for name, read in (("exact", own.exact), ("on", own.sampled))}
     nothing = "the text gives no current; 0.2 A, the bias, is taken"
     rows = (
-        Row("constant duty: lag at 100 Hz", "some delay", 360 * HERTZ * constant.delay, "°"),
-        Row("constant duty: error, rms", "reasonable agreement", 1e6 * constant.rms, "µm"),
+        Row("constant duty: lag at 100 Hz", "some delay", 360 * HERTZ * constant.delay, "°", means=(1, 20),
+            kind="prediction"),
+        Row("constant duty: error, rms", "reasonable agreement", 1e6 * constant.rms, "µm", None,
+            f"A tenth of the motion's rms, {1e6 * MOVED:.0f} µm, is taken for the limit.", (0, 1e6 * NOISY * MOVED),
+            "prediction"),
         Row("swing of the duty by eq 6.25", None, own.swing, reason=nothing),
-        Row(
-            "that swing, exact edges: error, rms",
-            "very noisy",
-            _rms(off["exact"]),
-            "µm",
-            reason="as with constant duty",
-        ),
+        Row("that swing, exact edges: error, rms", "very noisy", _rms(off["exact"]), "µm", None,
+            "Above a tenth of the motion's rms. It is what a constant duty gives: a duty that changes so little "
+            "corrupts nothing.", (1e6 * NOISY * MOVED, inf), "prediction"),
         Row("that swing: mean error by alpha (1 - alpha)", None, 1e6 * own.closed_form, "µm"),
-        Row("that swing, edges on samples: error, rms", "very noisy", _rms(off["on"]), "µm"),
+        Row("that swing, edges on samples: error, rms", "very noisy", _rms(off["on"]), "µm", None,
+            "The noise of a duty that is rounded, not of one that changes.", (1e6 * NOISY * MOVED, inf), "prediction",
+            "forward-path"),
         Row("that swing, edges on samples: largest error", None, float(np.abs(off["on"]).max()), "µm"),
         Row("swing 0.1: mean error", None, 1e6 * varying.bias, "µm"),
         Row("swing 0.1: mean error by alpha (1 - alpha)", None, 1e6 * float(large.closed_form.mean()), "µm"),
         Row("swing 0.1: current that it drives", None, large.current, "A", reason="with 2 ohm in series"),
-    )
+    )  # fmt: skip
     shown = slice(0, own.time.size // _PERIODS * 2, 5)
     time = 1e3 * own.time[shown]
     traces = [
@@ -225,22 +228,24 @@ def estimator_tracking(seed: int) -> Outcome:
     wrong, good = (varying.errors[m] for m in METHODS)
     on = [_rms(1e6 * (own.sampled[m] - own.gap)) for m in METHODS]
     perfect, better = "matches perfectly", "much better"
+    told = 0, 1e6 * SEEN * MOVED
     rows = (
-        Row("duty 0.5 ± 0.1: estimator's error, rms", perfect, 1e6 * good.rms, "µm", reason="of ± 50 µm of motion"),
-        Row("of it without the lag", perfect, 1e6 * good.rms_without_lag, "µm"),
-        Row("estimator's lag at 100 Hz", "little phase lag", 360 * HERTZ * good.delay, "°"),
+        Row("duty 0.5 ± 0.1: estimator's error, rms", perfect, 1e6 * good.rms, "µm", None,
+            f"5 % of the motion's rms, {1e6 * MOVED:.0f} µm, are taken for what a plot does not show.", told,
+            "prediction"),
+        Row("of it without the lag", None, 1e6 * good.rms_without_lag, "µm"),
+        Row("estimator's lag at 100 Hz", "little phase lag", 360 * HERTZ * good.delay, "°", means=(0, 5),
+            kind="prediction"),
         Row("forward path's error, rms", None, 1e6 * wrong.rms, "µm"),
-        Row("forward path's error over the estimator's", better, varying.ratio),
-        Row("edges on samples: estimator's error, rms", perfect, on[1], "µm"),
-        Row("edges on samples: the forward path's over it", better, on[0] / on[1]),
-        Row(
-            "read with 2 mA of noise and 12 bits: estimator's error, rms",
-            None,
-            1e6 * noisy.traces["varying"].errors["estimated"].rms,
-            "µm",
-            reason="the published simulation has no noise of the current sensor",
-        ),
-    )
+        Row("forward path's error over the estimator's", better, varying.ratio, means=(2, inf), kind="prediction"),
+        Row("edges on samples: estimator's error, rms", perfect, on[1], "µm", None, "", told, "prediction",
+            "estimator-tracking"),
+        Row("edges on samples: the forward path's over it", better, on[0] / on[1], means=(2, inf), kind="prediction",
+            again="estimator-tracking"),
+        Row("read with 2 mA of noise and 12 bits: estimator's error, rms", None,
+            1e6 * noisy.traces["varying"].errors["estimated"].rms, "µm",
+            reason="the published simulation has no noise of the current sensor"),
+    )  # fmt: skip
     notes = (
         "The ranking is confirmed: the estimator's model coil sees the same switching voltage, so the duty cancels.",
         "What the estimator is wrong by is nearly all lag; its size follows from PI gains that are not published "
