@@ -89,6 +89,21 @@ class Fit:
         inside = [i for i in at if all(abs(v[i] - self.u[i]) > 0.5 * EDGE for v in nudges)]
         return -float(np.linalg.slogdet(self.covariance()[np.ix_(inside, inside)])[1]) if inside else 0.0
 
+    @property
+    def charged(self) -> np.ndarray:
+        """Which coordinates of effects count as parameters, (coordinates,).
+
+        The first one of an effect does. A further one that the data do not tell from an end of its range, within its
+        standard error, does not: the effect with that end for a constant explains as much.
+        """
+        own = self.hypothesis.coordinates
+        further = np.array([i > 0 and own[i - 1].effect == c.effect for i, c in enumerate(own)], bool)
+        if not further.any() or self.jacobian is None:
+            return np.ones(len(own), bool)
+        sd = self.spread[: len(own)]
+        at_end = [c.near_end(float(u), float(s)) for c, u, s in zip(own, self.u, sd, strict=False)]
+        return ~(further & np.array(at_end, bool))
+
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (size, size)."""
         return inverse(self.normal)
