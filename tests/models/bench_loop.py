@@ -24,8 +24,8 @@ ADC, DAC = 20 / 2**16 / 8000.0, 20 / 2**14  # m and A a count
 @dataclass(frozen=True)
 class Bench:
     """What of the bench differs from its data sheet: relative changes of gain and stiffness, a delay in s, and
-    the half width of a dead band before the amplifier, A. The probe reads a tone of `tone` m at `tone_frequency` Hz, and
-    follows the rotor behind a play of half the width `play`, m."""
+    the half width of a dead band before the amplifier, A. The probe reads a tone of `tone` m at `tone_frequency` Hz,
+    and follows the rotor behind a play of half the width `play`, m."""
 
     gain: float = 0.0
     stiffness: float = 0.0
