@@ -196,7 +196,8 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
             others = _views(campaign, exchanged, signals)
         except ValueError:
             continue
-        if _agree(_uncontradicted(others), before):
+        rows = _uncontradicted(others)
+        if _agree(rows, before) and _compares(rows, one, other):
             text = (
                 f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: "
                 "the other way round every comparison agrees; correct [recording.channels]"
@@ -231,6 +232,11 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
 def _agree(rows: Sequence[Row], codes: Collection[str] = ()) -> bool:
     """Whether there are comparisons, these among them on as many axes, and all agree."""
     return bool(rows) and Counter(codes) <= Counter(row.code for row in rows) and not any(row.off for row in rows)
+
+
+def _compares(rows: Sequence[Row], *channels: str) -> bool:
+    """Whether any of the comparisons is of one of these channels: the others agree whatever is exchanged."""
+    return any(name.partition("_")[0] in row.powers for row in rows for name in channels)
 
 
 def _timed(rows: Sequence[Row]) -> bool:
