@@ -56,8 +56,8 @@ class Evidence:
             friction that never slides; inf of all others. What acts so has no name.
         motion: Cost of a simulation that stands still, beyond noise. Where the rotor nearly falls without an effect,
             that is far off by more than anything that was measured, and no gap counts for more than the motion.
-        at_end: How many parameters of each candidate are not told from an end of their range (`Fit.charged`); None:
-            not known of any.
+        at_end: How many parameters of each candidate are not charged, because they are not told from an end of their
+            range (`Fit.charged`); None: not known of any.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -116,11 +116,10 @@ def evidence_of(
     )
 
 
-def _at_end(fit: Fit) -> int:
-    """How many parameters are not told from an end of their range; not of effects all of whose parameters count as
-    one."""
+def _at_end(fit: Fit) -> float:
+    """See `Evidence.at_end`; all parameters of an effect that is like another one count as one anyway."""
     own = zip(fit.hypothesis.coordinates, fit.charged, strict=True)
-    return sum(not charged and not EFFECTS[c.effect].like for c, charged in own)
+    return float(sum(1 - charged for c, charged in own if not EFFECTS[c.effect].like))
 
 
 def _plainest(candidates: Sequence[Candidate], cost: np.ndarray, seen: float = 0.0) -> int:

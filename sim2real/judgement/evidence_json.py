@@ -52,7 +52,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
         nameless=float(_numbers([data.get("nameless")])[0]),
         refused=None if refused is None else _numbers(refused),
         motion=float(_numbers([data.get("motion")])[0]),
-        at_end=None if at_end is None else _numbers(at_end).astype(int),
+        at_end=None if at_end is None else _numbers(at_end),
     )
 
 

@@ -290,7 +290,7 @@ def _unnamed(names: tuple[str, ...], candidate: int | None, evidence: Evidence) 
 
 def _complexity_of(evidence: Evidence, candidate: int, belief: Belief) -> float:
     """Cost of the freedom of a candidate's effects, without that of parameters which are not told from their ends."""
-    untold = 0 if evidence.at_end is None else int(evidence.at_end[candidate])
+    untold = 0.0 if evidence.at_end is None else float(evidence.at_end[candidate])
     return complexity(evidence.effects[candidate], belief) - belief.parameter_cost * untold
 
 

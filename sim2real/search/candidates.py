@@ -35,8 +35,8 @@ class Candidate:
 
     @property
     def predictive(self) -> float:
-        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974), see
-        `Fit.charged`.
+        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974), as
+        far as they are charged (`Fit.charged`).
 
         Forms of effects have priors; their freedom costs as by Laplace's method.
         """
