@@ -205,7 +205,7 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
         except ValueError:
             continue
         rows = _agreeing(others, of_axes and beyond)
-        if rows and _as_many(rows, before):
+        if rows and _as_many(rows, before) and _compares(rows, one, other):
             possible.append((sum(row.off for row in rows), one, other))
             if not possible[-1][0]:
                 break
@@ -253,6 +253,11 @@ def _as_many(rows: Iterable[Row], before: Iterable[Row]) -> bool:
 def _agree(rows: Sequence[Row]) -> bool:
     """Whether there are comparisons, and all agree."""
     return bool(rows) and not any(row.off for row in rows)
+
+
+def _compares(rows: Sequence[Row], *channels: str) -> bool:
+    """Whether any of the comparisons is of one of these channels: the others agree whatever is exchanged."""
+    return any(name.partition("_")[0] in row.powers for row in rows for name in channels)
 
 
 def _timed(rows: Sequence[Row]) -> bool:

@@ -85,7 +85,7 @@ def evidence_of(
     predicted = simulated_series(record, lanes)[0]
     loop = loop_at(record, at_near, predicted)
     opened = opened_of(loop)
-    predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
+    predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs), near=near)
     measured = measured_at(record, loop, opened.outputs)
     noise = open_noise(record, loop, opened.outputs, predicted, at_near)
     nuisances = ringing(record, loop, opened.outputs, noise, at_near)
@@ -100,7 +100,7 @@ def evidence_of(
             series = simulated_series(by_rig, lanes)[0]
             if np.isfinite(series).all():
                 record, as_read, predicted = by_rig, anchored(as_read, moved), series
-                predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs))
+                predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs), near=near)
                 at = coordinates_of(record, loop, opened.outputs, predicted)
                 measured = left + at
         response = None
@@ -118,7 +118,7 @@ def evidence_of(
             for error in measured_drive:
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
         if response is not None:
-            predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs, response))
+            predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs, response), near=near)
         if shows_shape(record):
             bending, step = record.nominal is not unbent, 1.0
             if bending:

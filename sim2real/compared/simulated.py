@@ -134,7 +134,8 @@ class Predictor:
         transient: Control samples simulated before the evaluated period.
         replay: The closed loop of a record without a period.
         lines: Which of the record's lines are predicted, a mask (n,); all by default.
-        known: Contribution of noise to the nominal rig, by transient.
+        known: Contribution of noise to the nominal rig, by transient; without a period, to the rig at `near`.
+        near: Where the loop of a record without a period was opened.
     """
 
     record: Record | OpenRecord
@@ -143,6 +144,7 @@ class Predictor:
     replay: Replay | None = None
     lines: np.ndarray | None = None
     known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)
+    near: Point = Point({}, {})
 
     @property
     def kind(self) -> tuple:
@@ -188,13 +190,14 @@ def residuals(
         predictors: Those of the records.
         lanes: Lanes of one of them.
         settling: Time that they take to settle, s.
-        dithered: Whether they have noise; the effect of the same noise on the nominal rig is then subtracted.
+        dithered: Whether they have noise; what the same noise does without what it smooths is then subtracted.
 
     Returns:
         Of each record (n, outputs, axes, lines); nan where the rotor touches down.
     """
     if predictors[0].replay is not None:
-        return coordinates_of_lanes([p.replay for p in predictors if p.replay is not None], lanes)
+        found = _replayed(predictors, lanes)
+        return [own - _of_noise(p) for p, own in zip(predictors, found, strict=True)] if dithered else found
     e = predictors[0].record.experiment
     needed = max(*(p.transient for p in predictors), ceil(settling * predictors[0].record.nominal.control_rate))
     transient = min(needed, MOST_TRANSIENT * e.samples_per_period)
@@ -211,6 +214,21 @@ def residuals(
         p.opened.residuals(own[:, 0], own[:, 1] if "amplifier" in p.opened.outputs else None)
         for p, own in zip(predictors, spectra, strict=True)
     ]
+
+
+def _replayed(predictors: Sequence[Predictor], lanes: list[Block]) -> list[np.ndarray]:
+    return coordinates_of_lanes([p.replay for p in predictors if p.replay is not None], lanes)
+
+
+def _of_noise(p: Predictor) -> np.ndarray:
+    """What the noise of dithered lanes adds (outputs, axes, n) where a record without a period was opened, without what
+    it smooths; zero where the rotor falls there."""
+    if 0 not in p.known:
+        hard = DITHERED | MAY_BE_DITHERED
+        plain = [Point({n: v for n, v in p.near.effects.items() if n not in hard}, p.near.changes)]
+        noisy, clean = (_replayed([p], p.lanes(plain, on))[0][0] for on in (True, False))
+        p.known[0] = np.nan_to_num(noisy - clean)
+    return p.known[0]
 
 
 def _spectra(predictors: Sequence[Predictor], lanes: list[Block], transient: int, dithered: bool) -> list[np.ndarray]:

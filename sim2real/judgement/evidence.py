@@ -6,7 +6,7 @@ from math import inf, isinf
 
 import numpy as np
 
-from maglev_env.loop.effect import effect_value
+from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.rig.rig import Rig
 from sim2real.compared.drift import Drift
 from sim2real.compared.problem import KINDS, Problem
@@ -56,6 +56,8 @@ class Evidence:
             friction that never slides; inf of all others. What acts so has no name.
         motion: Cost of a simulation that stands still, beyond noise. Where the rotor nearly falls without an effect,
             that is far off by more than anything that was measured, and no gap counts for more than the motion.
+        at_end: How many parameters of each candidate are not charged, because they are not told from an end of their
+            range (`Fit.charged`); None: not known of any.
     """
 
     effects: tuple[tuple[str, ...], ...]
@@ -72,6 +74,7 @@ class Evidence:
     nameless: float = inf
     refused: np.ndarray | None = None
     motion: float = inf
+    at_end: np.ndarray | None = None
 
 
 def evidence_of(
@@ -109,7 +112,14 @@ def evidence_of(
         nameless,
         refused,
         float(np.vdot(p.data, p.data).real - 2.0 * p.data.size),
+        np.array([_at_end(c.fit) for c in candidates]),
     )
+
+
+def _at_end(fit: Fit) -> float:
+    """See `Evidence.at_end`; all parameters of an effect that is like another one count as one anyway."""
+    own = zip(fit.hypothesis.coordinates, fit.charged, strict=True)
+    return float(sum(1 - charged for c, charged in own if not EFFECTS[c.effect].like))
 
 
 def _plainest(candidates: Sequence[Candidate], cost: np.ndarray, seen: float = 0.0) -> int:

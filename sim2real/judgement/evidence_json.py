@@ -36,7 +36,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
     if cost.shape != (len(effects),) or excess.shape != (len(effects), len(groups)):
         raise TypeError("costs, excess, effects and groups do not belong together")
     kinds = {name: ChiSquare(**data["dispersion"][name]) for name in ("fit", "recordings")}
-    strain, refused = data.get("strain"), data.get("refused")
+    strain, refused, at_end = (data.get(name) for name in ("strain", "refused", "at_end"))
     return Evidence(
         effects=effects,
         cost=cost,
@@ -52,6 +52,7 @@ def _evidence(data: Mapping[str, Any]) -> Evidence:
         nameless=float(_numbers([data.get("nameless")])[0]),
         refused=None if refused is None else _numbers(refused),
         motion=float(_numbers([data.get("motion")])[0]),
+        at_end=None if at_end is None else _numbers(at_end),
     )
 
 

@@ -65,7 +65,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     rows: list[_Row] = [((NONE,), evidence.nominal, belief.prior_none, None)]
     for i in np.flatnonzero(alive):
         names = evidence.effects[i]
-        prior = priors[len(names)] * np.exp(-0.5 * complexity(names, belief))
+        prior = priors[len(names)] * np.exp(-0.5 * _complexity_of(evidence, int(i), belief))
         rows.append((names or (CALIBRATION,), float(evidence.cost[i]), prior, int(i)))
     if evidence.tones:
         rows = _with_tones(rows, evidence, priors)
@@ -167,7 +167,7 @@ def _meant_by_none(evidence: Evidence, least: float, prior: float, excused: floa
     tones = sum(_tones_of(evidence, ()).values())
     apart = max(evidence.refused[at] + tones - least, 0.0) / evidence.dispersion.ratio(excused)
     freedom = 0.5 * belief.freedom * np.log1p(apart / belief.freedom)
-    return float(np.log(prior) - 0.5 * complexity(evidence.effects[at], belief) - freedom)
+    return float(np.log(prior) - 0.5 * _complexity_of(evidence, at, belief) - freedom)
 
 
 def _best(evidence: Evidence) -> tuple[int, float]:
@@ -286,6 +286,12 @@ def _unnamed(names: tuple[str, ...], candidate: int | None, evidence: Evidence) 
         causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family in OF_LOST else {})}
         left += min([tones[family], *(off for effect, off in causes.items() if effect in names)])
     return left
+
+
+def _complexity_of(evidence: Evidence, candidate: int, belief: Belief) -> float:
+    """Cost of the freedom of a candidate's effects, without that of parameters which are not told from their ends."""
+    untold = 0.0 if evidence.at_end is None else float(evidence.at_end[candidate])
+    return complexity(evidence.effects[candidate], belief) - belief.parameter_cost * untold
 
 
 def complexity(names: tuple[str, ...], belief: Belief) -> float:

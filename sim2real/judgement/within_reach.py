@@ -6,8 +6,9 @@ whose width no current reaches lags by nothing and is a smaller gain, or under r
 edges are rounded over more than any command is a smaller gain, too. A fit which explains no less with a limit that is
 out of reach has found something linear under the effect's name.
 
-Of a hysteresis under ripple only a small part is bent, because the ripple wipes out most of the loop. Where such a fit
-leaves noise alone, it is enough that noise cannot have made what the limit saves.
+Where a fit leaves noise alone, it is enough that noise cannot have made what the limit saves. Of friction whose
+bristles bend as far as the rotor mostly moves, and of a hysteresis under ripple, which wipes out most of the loop, only
+a small part is bent. What is linear, and not just a spring in series with a damper, leaves more.
 """
 
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
+from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.search.fitting import Fit
 from sim2real.search.following import following
 
@@ -29,7 +31,9 @@ LIMITED: Mapping[str, tuple[str, ...]] = {
 }
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
-RIPPLED = 20.0  # cost, in units of the reduced chi-square, that the limit of a hysteresis under ripple must save
+# Cost, in units of the reduced chi-square, that the limit of a fit which leaves noise alone must save.
+BEYOND_NOISE = 20.0
+LEFT_SD = 3.0  # standard deviations of the noise's power up to which a fit leaves noise alone
 
 
 def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
@@ -58,7 +62,8 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
     names = [(c.effect, c.parameter) for c in h.coordinates]
     free = np.array([own != (name, limited[0]) for own in names] + [True] * len(h.calibrated))
     cost = following(fit, free).cost(linear - (problem.data - fit.residual))
-    share = SHOWN * (without - fit.cost)
-    if values.get("ripple"):
-        share = min(share, RIPPLED * max(fit.cost / (2.0 * problem.data.size), 1.0))
+    share, count = SHOWN * (without - fit.cost), 2.0 * problem.data.size
+    noise_alone = fit.cost < count + LEFT_SD * NOISE_INFLATION * np.sqrt(2.0 * count)
+    if values.get("ripple") or noise_alone:
+        share = min(share, BEYOND_NOISE * max(fit.cost / count, 1.0))
     return cost - fit.cost > max(share, SURELY)

@@ -12,6 +12,7 @@ from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.across_ticks import across_ticks
+from sim2real.search.again import again
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
@@ -26,7 +27,6 @@ from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles
 SHAPED, SHAPED_PAIRS = 4, 4  # best single effects and pairs that are tried in other forms
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 BLURRED_TIE, LEFT_SD = 0.05, 3.0  # that share where the best leaves no more than so many standard deviations of noise
-ADDS = 4.0  # cost that a pair must save beside one of its effects to be fitted again
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the standard errors of a fit are computed
 
 Progress = Callable[[str], None]
@@ -72,7 +72,7 @@ def attribute(
         singles = across_ticks(problem, fit_singles(problem, (untouched, calibration[0]), shown))
     else:
         progress("the same effects again")
-        singles, pairs = _again(problem, earlier, reach)
+        singles, pairs = again(problem, earlier, reach)
     least = min((f.cost for f in singles), default=np.inf)
     if calibration[0].cost - least < NO_GAP:
         singles = _one_of_each(singles)
@@ -135,33 +135,10 @@ def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
 
     able = [f for f in fits if f.cost < enough and _may_blur(f.hypothesis.effects) and needed(f)]
     tried = sorted(able, key=lambda f: f.cost)[:BLURRED]
-    again = begin(
+    blurred = begin(
         [replace(f.hypothesis, dithered=True) for f in tried], [f.u for f in tried], problem.data, problem.simulate
     )
-    iterate(again, problem.data, problem.simulate, FIRST)
-    better = {id(f): new for f, new in zip(tried, again, strict=True) if new.cost < f.cost}
+    iterate(blurred, problem.data, problem.simulate, FIRST)
+    better = {id(f): new for f, new in zip(tried, blurred, strict=True) if new.cost < f.cost}
     iterate(list(better.values()), problem.data, problem.simulate, ITERATIONS)
     return [better.get(id(f), f) for f in fits]
-
-
-def _again(problem: Problem, earlier: Attribution, reach: np.ndarray | None) -> tuple[list[Fit], list[Fit]]:
-    """The single effects and the pairs of an earlier attribution, fitted from where they ended.
-
-    Those that are farther behind the best there than they reach are only simulated: they keep their coordinates and
-    have no Jacobian, and so no standard errors. So are pairs that save next to nothing beside one of their effects:
-    with an effect that explains the gap any other one makes such a pair, and to fit them all would take most of the
-    time.
-    """
-    known = [c.fit for c in earlier.candidates if c.effects]
-    fits = begin([f.hypothesis for f in known], [f.u for f in known], problem.data, problem.simulate)
-    least = min((f.cost for f in fits), default=np.inf)
-    far = np.full(len(fits), np.inf) if reach is None else reach[[bool(c.effects) for c in earlier.candidates]]
-    alone = {f.hypothesis.effects[0]: f.cost for f in fits if len(f.hypothesis.effects) == 1}
-
-    def adds(f: Fit) -> bool:
-        own = f.hypothesis.effects
-        return len(own) == 1 or f.cost < min(alone.get(name, np.inf) for name in own) - ADDS
-
-    near = [f for f, own in zip(fits, far, strict=True) if f.cost <= least + own and adds(f)]
-    iterate(near, problem.data, problem.simulate, ITERATIONS)
-    return [f for f in fits if len(f.hypothesis.effects) == 1], [f for f in fits if len(f.hypothesis.effects) > 1]

@@ -35,11 +35,12 @@ class Candidate:
 
     @property
     def predictive(self) -> float:
-        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974).
+        """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974), as
+        far as they are charged (`Fit.charged`).
 
         Forms of effects have priors; their freedom costs as by Laplace's method.
         """
-        return self.fit.cost + 2.0 * len(self.fit.hypothesis.coordinates) + self.fit.occam
+        return self.fit.cost + 2.0 * float(self.fit.charged.sum()) + self.fit.occam
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,6 +22,8 @@ REFUSED, SHORTER = 4, 30.0  # how often shorter steps are tried, and the factor 
 # A fit is abandoned when it is far behind the best: steps before this is tested, share of the best saving that it may
 # be behind, factor on that share per step, and cost that it may be behind in any case.
 PATIENCE, HOPELESS, KEEPING_UP, SMALL = 3, 0.4, 0.65, 100.0
+# Cost of a further parameter of an effect: what noise lets it save of further records, and the judge's.
+PARAMETER = 6.0
 NOT_TOLD = 1e6  # coordinates: standard error of one that nothing tells
 # Share of the largest eigenvalue below which a combination of coordinates is not told, and least share of such a
 # combination that one of them must have not to be told either.
@@ -88,6 +91,24 @@ class Fit:
         nudges = (h.bounded(self.u + EDGE), h.bounded(self.u - EDGE))
         inside = [i for i in at if all(abs(v[i] - self.u[i]) > 0.5 * EDGE for v in nudges)]
         return -float(np.linalg.slogdet(self.covariance()[np.ix_(inside, inside)])[1]) if inside else 0.0
+
+    @property
+    def charged(self) -> np.ndarray:
+        """Share of the cost of a parameter that each coordinate of an effect has, (coordinates,).
+
+        The first one of an effect has all. With an end of its range for a constant instead of a further one, the effect
+        explains less by the square of its distance in standard errors, to second order, and costs a parameter less: it
+        is charged what is less.
+        """
+        own = self.hypothesis.coordinates
+        found = np.ones(len(own))
+        if self.jacobian is None:
+            return found
+        sd = self.spread
+        for i, (before, c) in enumerate(pairwise(own), 1):
+            if before.effect == c.effect:
+                found[i] = min((c.to_end(float(self.u[i])) / sd[i]) ** 2 / PARAMETER, 1.0) if sd[i] else 1.0
+        return found
 
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (size, size)."""

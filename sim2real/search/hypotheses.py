@@ -41,8 +41,12 @@ class Coordinate:
 
     def at_bound(self, u: float) -> bool:
         """Whether a fit ended at an end of the range that it searches: its value is then no estimate."""
+        return self.to_end(u) < AT_BOUND
+
+    def to_end(self, u: float) -> float:
+        """Distance to the nearer end of the range, in coordinates."""
         ends = [end for end in (self.low, self.high) if self.scale is not None or end > 0]
-        return any(abs(self.to_bounds(u) - self.at(end)) < AT_BOUND for end in ends)
+        return min((abs(self.to_bounds(u) - self.at(end)) for end in ends), default=inf)
 
     @property
     def signed(self) -> bool:

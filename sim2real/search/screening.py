@@ -9,7 +9,7 @@ from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import TOLERANCE_EFFECTS
 from sim2real.search.fitting import Fit, cost_of, reach
 from sim2real.search.following import following
-from sim2real.search.hypotheses import Hypothesis, coordinates_of
+from sim2real.search.hypotheses import AT_BOUND, Hypothesis, coordinates_of
 
 MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
 FOLLOWED = 2  # starts of an effect that are simulated where they lead; of a resonance, at every frequency
@@ -97,7 +97,7 @@ def kept(starts: Sequence[Start]) -> list[Start]:
     """The best start of each hypothesis.
 
     Of resonances, several starts of clearly different frequency are kept, because each is a minimum of its own; of what
-    may sit at several places, the best at each, that of the plain formula among them.
+    may sit at several places (`place`), the best at each, that of the plain formula among them.
     """
     found: list[Start] = []
     for start in starts:
@@ -105,16 +105,22 @@ def kept(starts: Sequence[Start]) -> list[Start]:
         same = [s for s in found if set(s.hypothesis.effects) == set(h.effects)]
         at = [i for i, c in enumerate(h.coordinates) if c.parameter == "frequency"]
         apart = all(np.any(abs(start.u[at] - s.u[at]) > APART) for s in same if s.hypothesis.effects == h.effects)
-        elsewhere = all(_place(start) != _place(s) for s in same if s.hypothesis.effects == h.effects)
+        own = place(h, start.u)
+        elsewhere = all(own != place(s.hypothesis, s.u) for s in same if s.hypothesis.effects == h.effects)
         if not same or (at and apart and len(same) < RESONANT) or elsewhere:
             found.append(start)
     return found
 
 
-def _place(start: Start) -> tuple[str, ...]:
-    """Where an effect sits that may sit elsewhere: coordinates of its form that are not at the plain formula."""
-    h = start.hypothesis
-    return tuple(n for n, v in zip(h.calibrated, start.u[len(h.coordinates) :], strict=True) if n in h.shapes and v)
+def place(h: Hypothesis, u: np.ndarray) -> tuple[str, ...]:
+    """What tells apart starts of the same effects that lead to minima of their own.
+
+    An effect may sit elsewhere: coordinates of its form that are not at the plain formula. A size of it may be so small
+    that it does nothing, as of bristles that do not bend: where a fit begins there, the cost does not depend on it.
+    """
+    own = zip(h.calibrated, u[len(h.coordinates) :], strict=True)
+    nothing = (c for c, v in zip(h.coordinates, u, strict=False) if c.scale is None and abs(v - c.at(c.low)) < AT_BOUND)
+    return (*(n for n, v in own if n in h.shapes and v), *(f"{c.effect}.{c.parameter}" for c in nothing))
 
 
 class _Look:

@@ -11,7 +11,7 @@ from sim2real.search.hypotheses import (
     starts,
     starts_elsewhere,
 )
-from sim2real.search.screening import Start, extended, kept, screened
+from sim2real.search.screening import Start, extended, kept, place, screened
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
 SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down
@@ -27,12 +27,13 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
     not followed.
 
     Returns:
-        The best fit of each effect; where it may sit at other places, one in its plain form and one there. What is
-        elsewhere has its form free, so that after a few steps it is ahead, and it may end in a minimum of its own. An
-        effect with which the rotor falls at every start is among them, with an infinite cost: beside another one it
-        may stand.
+        The best fit of each effect; where it may sit at other places (`place`), one in its plain form and one there.
+        What is elsewhere has its form free, so that after a few steps it is ahead, and it may end in a minimum of its
+        own. An effect with which the rotor falls at every start is among them, with an infinite cost: beside another
+        one it may stand.
     """
     fits: list[Fit] = []
+    kinds: dict[int, tuple] = {}
     unexplained, reached = seeds[-1].cost, current_reached(problem)
     if np.isfinite(unexplained) and np.max(abs(seeds[-1].u), initial=0.0) < MOVED:
         seeds = seeds[-1:]
@@ -46,11 +47,12 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
         ranked = screened(problem, jobs)
         begun = begin_at(problem, kept(ranked), ranked)
         share_calibrations(begun, seed)
+        kinds |= {id(f): (f.hypothesis.effects, f.hypothesis.shaped, place(f.hypothesis, f.u)) for f in begun}
         fits += begun
     asked = unexplained - LEAST if np.isfinite(unexplained) else np.inf
     iterate(fits, problem.data, problem.simulate, FIRST, [asked] * len(fits))
-    tried = dict.fromkeys(_kind(f) for f in fits)
-    best = [min((f for f in fits if _kind(f) == own), key=lambda f: f.cost) for own in tried]
+    tried = dict.fromkeys(kinds.values())
+    best = [min((f for f in fits if kinds[id(f)] == own), key=lambda f: f.cost) for own in tried]
     iterate(best, problem.data, problem.simulate, ITERATIONS, [asked] * len(best))
     standing = {f.hypothesis.effects for f in best}
     return best + [_fallen(problem, seeds[-1], name) for name in names if (name,) not in standing]
@@ -59,11 +61,6 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
 def _fallen(problem: Problem, seed: Fit, name: str) -> Fit:
     h = seed.hypothesis.instead(name)
     return Fit(h, extended(h, np.zeros(len(h.coordinates)), seed), problem.data, np.inf)
-
-
-def _kind(fit: Fit) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Its effects, and those of them whose form is free."""
-    return fit.hypothesis.effects, fit.hypothesis.shaped
 
 
 def begin_at(problem: Problem, chosen: Sequence[Start], ranked: Sequence[Start]) -> list[Fit]:

@@ -24,7 +24,8 @@ ADC, DAC = 20 / 2**16 / 8000.0, 20 / 2**14  # m and A a count
 @dataclass(frozen=True)
 class Bench:
     """What of the bench differs from its data sheet: relative changes of gain and stiffness, a delay in s, and
-    the half width of a dead band before the amplifier, A. The probe reads a tone of `tone` m at `tone_frequency` Hz."""
+    the half width of a dead band before the amplifier, A. The probe reads a tone of `tone` m at `tone_frequency` Hz,
+    and follows the rotor behind a play of half the width `play`, m."""
 
     gain: float = 0.0
     stiffness: float = 0.0
@@ -34,6 +35,7 @@ class Bench:
     current_noise: float = 2e-3  # A rms
     tone: float = 0.0
     tone_frequency: float = 61.7
+    play: float = 0.0
 
 
 def excitation(kind: str, seconds: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -67,7 +69,7 @@ def record(bench: Bench, kind: str, seconds: float, seed: int) -> dict[str, np.n
     a = GAIN * (1 + bench.gain) / slope(lambda i: _pull(0.0, i), h)
     b = STIFFNESS * (1 + bench.stiffness) / -slope(lambda y: _pull(y, 0.0), h)
     late = round(bench.delay * RATE * STEPS)
-    y, u, i = _run(injection, reference, *noise, a, b, late, bench.band)
+    y, u, i = _run(injection, reference, *noise, a, b, late, bench.band, bench.play)
     return {"displacement": y, "command": u, "current": i}
 
 
@@ -100,14 +102,15 @@ def _acceleration(y, i, a, b):
 
 
 @nb.njit(cache=True)
-def _run(injection, reference, noise, current_noise, a, b, late, band):
+def _run(injection, reference, noise, current_noise, a, b, late, band, play):
     n = injection.size
     out_y, out_u, out_i = np.empty(n), np.empty(n), np.empty(n)
     dt = 1.0 / RATE
     h = dt / STEPS
-    y = v = current = probe = lag = leak = before = command = 0.0
+    y = v = current = probe = held = lag = leak = before = command = 0.0
     for k in range(n):
-        reading = np.rint((probe + noise[k]) / ADC) * ADC
+        held = min(max(held, probe - play), probe + play)
+        reading = np.rint((held + noise[k]) / ADC) * ADC
         error = reference[k] - reading
         u = KP * error + KD * (error - lag) / TD + KI * leak + injection[k]
         lag, leak = error + (lag - error) * np.exp(-dt / TD), error + (leak - error) * np.exp(-dt / TI)

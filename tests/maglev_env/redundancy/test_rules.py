@@ -17,7 +17,7 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.redundancy.bounds import ranges
 from maglev_env.redundancy.result import doubtful
-from maglev_env.redundancy.rules import _as_many, _at_ticks, _views, as_data, examine
+from maglev_env.redundancy.rules import _as_many, _at_ticks, _compares, _views, as_data, examine
 
 
 @pytest.fixture(scope="module")
@@ -387,3 +387,10 @@ def test_columns_are_not_exchanged_where_an_axis_has_nothing_left_to_compare():
     """A command and a set point that never moves, the other way round: the other axis alone agrees."""
     row = SimpleNamespace(code="amplifier", off=False)
     assert _as_many([row, row], [row, row]) and not _as_many([row], [row, row])
+
+
+def test_columns_are_not_exchanged_that_no_comparison_is_of():
+    """Command and current agree whichever displacement is that of x, if nothing is compared with a displacement."""
+    rows = [SimpleNamespace(powers={"current": 1, "command": -1})] * 2
+    assert not _compares(rows, "displacement_x", "displacement_y")
+    assert _compares(rows, "command_x", "command_y") and _compares(rows, "displacement_x", "current_x")

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_loop import Bench, write_campaign
 from campaigns import planned, repeated
 
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import DITHERED, Point, together
+from sim2real.recorded.records import read_records
 
 FREE = load_rig("hmb_free")
 
@@ -35,3 +37,17 @@ def test_a_limit_is_predicted_under_its_noise(tmp_path):
     assert cost < 1.8 and hasty > 2 * cost
     again = problem.simulate([Point({}, {}), truth])[1]
     np.testing.assert_allclose(again, problem.simulate([truth])[0], rtol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("play", [0.0, 1e-6, 5e-6])
+def test_without_a_period_noise_adds_nothing_but_what_a_play_makes_of_it(tmp_path, play):
+    """Of a bench of another hand whose play is as small as its noise, or larger."""
+    _, records = read_records(write_campaign(tmp_path, Bench(play=play), {"noise": "fit", "steps": "fit"}, 2.0, 5))
+    truth = Point(effect("probe_backlash", play) if play else {}, {}, dithered=True)
+    problem = assemble(records, near=truth)
+    cost = np.sum(abs(problem.data - problem.simulate([truth])[0]) ** 2) / problem.data.size / 2
+    assert cost < 1.3
+    if play:
+        (plain,) = problem.simulate([Point({}, {})])
+        assert np.sum(abs(problem.data - plain) ** 2) / problem.data.size / 2 > 2.0

@@ -149,6 +149,17 @@ def test_equals_share_and_are_a_class():
     assert verdict(found) == ("ambiguous", ("delay", "amplifier_lag"))
 
 
+def test_a_parameter_that_is_not_told_from_an_end_of_its_range_costs_no_freedom():
+    """Eddy currents of an order of one are a lag by one parameter."""
+    table = {"": 5e4, **dict.fromkeys(SINGLES, 5e4), "amplifier_lag": 0.0, "eddy_current": 0.0}
+    charged = evidence(table)
+    at_end = np.array(["eddy_current" in names for names in charged.effects], int)
+    for e, alike in ((charged, False), (replace(charged, at_end=at_end), True)):
+        found = entries(e)
+        lag, eddy = (probability(found, name) for name in ("amplifier_lag", "eddy_current"))
+        assert eddy == pytest.approx(lag) if alike else eddy < 0.5 * lag
+
+
 def test_while_the_motion_is_small_a_force_law_and_a_stiffness_are_a_class():
     """Neither is preferred for its fewer parameters, which small motion does not show apart; large motion tells."""
     both = {"": 5e4, **dict.fromkeys(SINGLES, 5e4), "negative_stiffness": 0.0, "force_law": 2.0}

@@ -26,6 +26,8 @@ def simulate(points):
         (0.05 * MOTION / (1e-6 + abs(MOTION)), True),
         (3e4 * MOTION, False),
         (3e4 * MOTION + 2e-3 * np.exp(1e7j * abs(MOTION)), False),  # and something that no friction explains
+        (0.12 * MOTION / (8e-6 + abs(MOTION)), True),  # a small part is bent, and noise cannot have made it
+        (0.12 * MOTION / (8e-6 + abs(MOTION)) + 2e-3 * np.exp(1e7j * abs(MOTION)), False),
     ],
 )
 def test_only_a_limit_that_the_motion_reaches_is_friction(response, shown):

@@ -316,3 +316,17 @@ def test_of_two_that_do_the_same_neither_is_told():
     assert fit.spread[:2].tolist() == [NOT_TOLD] * 2 and fit.spread[2] < 1.0
     apart = Fit(h, np.zeros(3), np.zeros(ROWS, complex), 0.0, np.array([same, same + 1e-3 * own, own**2]))
     assert (fit.spread[2] < apart.spread[:2]).all() and (apart.spread < NOT_TOLD / 10).all()
+
+
+@pytest.mark.parametrize(
+    "order, sd, charged", [(0.98, 0.03, 0.0), (0.95, 0.03, 1 / 6), (0.97, 0.002, 1.0), (0.6, 0.03, 1.0)]
+)
+def test_a_further_parameter_is_charged_no_more_than_an_end_of_its_range_would_lose(order, sd, charged):
+    h = Hypothesis(("eddy_current", "delay"), {})
+    u = [c.at({"corner_hz": 1e3, "order": order, "time": 0.0}[c.parameter]) for c in h.coordinates]
+    rows = np.diag([1.0, h.coordinates[1].scale / sd, 1e-3]).astype(complex)
+    fit = Fit(h, np.array(u), np.zeros(3, complex), 7.0, rows)
+    assert fit.charged == pytest.approx([1.0, charged, 1.0])  # a first one always is, also at its end
+    assert Candidate(fit).predictive == pytest.approx(7.0 + 2.0 * (2 + charged))
+    fit.jacobian = None
+    assert fit.charged.all()

@@ -95,6 +95,15 @@ def test_of_a_resonance_starts_far_apart_are_kept_and_of_others_the_best():
     assert [s.cost for s in found if s.hypothesis is lag] == [7.0]
 
 
+def test_friction_is_fitted_with_bristles_that_bend_and_without():
+    """Where they do not bend the cost does not depend on how far they would."""
+    h = Hypothesis(("friction",), {})
+    tried = [Start(h, u, cost) for cost, u in enumerate(starts("friction"))]
+    bends = [s.hypothesis.point(s.u).effects["friction"]["presliding"] > 2e-9 for s in tried]
+    assert kept(tried) == [tried[bends.index(False)], tried[bends.index(True)]]
+    assert kept(tried[::-1]) == [tried[::-1][bends[::-1].index(True)], tried[::-1][bends[::-1].index(False)]]
+
+
 def test_of_what_may_sit_elsewhere_the_best_start_at_each_place_is_kept_and_the_plain_one():
     """A knee of the current, whose sharpness is free, is ahead on one record of the iron's, whose is not."""
     plain = Hypothesis(("saturation",), {})
