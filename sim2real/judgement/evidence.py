@@ -18,7 +18,7 @@ from sim2real.judgement.lost_commands import LOST, scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
 from sim2real.judgement.stated_stiffness import stiffness_cost
-from sim2real.judgement.within_reach import LIMITED, shows_limit
+from sim2real.judgement.within_reach import LIMITED, RIVALS, shows_limit
 from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
@@ -157,12 +157,22 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
         fit = candidates[i].fit
         if fit.jacobian is None and np.isfinite(fit.cost):  # what follows, and its dispersion, need one
             differentiate([fit], p.data, p.simulate, True)
-        limited = all(shows_limit(p, fit, name, attribution.without(int(i), name)) for name in LIMITED)
+        limited = all(shows_limit(p, fit, name, _without(attribution, int(i), name)) for name in LIMITED)
         if not limited and len(candidates[i].effects) == 1:
             refused[i] = cost[i]
         if not limited or acts_on_one_line(p, fit):
             cost[i] = inf
     return cost, nameless, refused
+
+
+def _without(attribution: Attribution, candidate: int, name: str) -> float:
+    """Cost of a candidate without one of its effects, or with the linear rival of it instead, where that was fitted.
+
+    Else friction beside a damping that does nothing would be shown by a limit that friction alone is refused for.
+    """
+    rest = {other for other in attribution.candidates[candidate].effects if other != name}
+    rival = attribution.of(*rest, RIVALS[name]) if RIVALS[name] not in rest else None
+    return min(attribution.without(candidate, name), np.inf if rival is None else rival.fit.cost)
 
 
 def _strain(fit: Fit) -> float:

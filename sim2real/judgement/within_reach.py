@@ -29,6 +29,8 @@ LIMITED: Mapping[str, tuple[str, ...]] = {
     "hysteresis": ("width", "ripple"),
     "deadband": ("half_width", "rounding"),
 }
+# The linear effect that is the nearest to each: what the limit explains is weighed against what is explained beyond it.
+RIVALS: Mapping[str, str] = {"friction": "damping", "hysteresis": "actuator_gain", "deadband": "actuator_gain"}
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
 # Cost, in units of the reduced chi-square, that the limit of a fit which leaves noise alone must save.
@@ -43,7 +45,7 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
         problem: The recordings.
         fit: A hypothesis with its Jacobian; True without one, or without the effect.
         name: One of LIMITED.
-        without: Cost of the same hypothesis without the effect.
+        without: Cost of the same hypothesis without the effect, or with its rival instead.
     """
     h, at, limited = fit.hypothesis, fit.hypothesis.point(fit.u), LIMITED[name]
     if name not in h.effects or fit.jacobian is None or not np.isfinite(without):

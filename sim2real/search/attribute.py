@@ -20,7 +20,7 @@ from sim2real.search.hypotheses import (
     single_effects,
     usual_tolerances,
 )
-from sim2real.search.pairs import fit_pairs
+from sim2real.search.pairs import alone_again, fit_pairs
 from sim2real.search.shaping import shaped
 from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles
 
@@ -82,6 +82,7 @@ def attribute(
         progress("pairs of effects")
         pairs, singles = fit_pairs(problem, (untouched, calibration[0]), singles, pairs)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
+        singles = _one_of_each([*singles, *alone_again(problem, singles, pairs)])
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:

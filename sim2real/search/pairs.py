@@ -63,8 +63,9 @@ def fit_pairs(
         found += _together(problem, bases, singles, found)
     if not min((f.cost for f in found), default=np.inf) < least - SECOND:
         return found, list(singles)
-    found += _round(problem, singles, _halves(problem, found), {frozenset(f.hypothesis.effects) for f in found})
-    again = _halves(problem, found)
+    steady = [f for f in found if DRIFTING not in f.hypothesis.effects]
+    found += _round(problem, singles, _halves(problem, steady), {frozenset(f.hypothesis.effects) for f in found})
+    again = _halves(problem, [f for f in found if DRIFTING not in f.hypothesis.effects])
     iterate(again, problem.data, problem.simulate, ITERATIONS)
     best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
     better = [best[f.hypothesis.effects] for f in singles]
@@ -124,10 +125,21 @@ def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.nda
     return u
 
 
+def alone_again(problem: Problem, singles: Sequence[Fit], pairs: Sequence[Fit]) -> list[Fit]:
+    """Single effects fitted from their values and their forms in the best pairs.
+
+    The form of an effect has minima of its own, and beside an effect that does nothing another one may be found.
+    """
+    least = min((f.cost for f in singles), default=np.inf)
+    found = _halves(problem, [f for f in pairs if f.cost < least - SECOND])
+    iterate(found, problem.data, problem.simulate, FIRST + ITERATIONS)
+    return found
+
+
 def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
     """Either effect of the best pairs alone, at its values in the pair; without those that touch down."""
     halves: dict[str, tuple[Hypothesis, np.ndarray]] = {}
-    able = (f for f in pairs if np.isfinite(f.cost) and DRIFTING not in f.hypothesis.effects)
+    able = (f for f in pairs if np.isfinite(f.cost))
     for f in sorted(able, key=lambda f: f.cost)[:SWAPPED]:
         n, both = len(coordinates_of(f.hypothesis.effects[0], f.hypothesis.scales)), len(f.hypothesis.coordinates)
         for name, u in zip(f.hypothesis.effects, (f.u[:n], f.u[n:both]), strict=True):

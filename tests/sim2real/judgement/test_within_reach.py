@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim2real.judgement.evidence import _without
 from sim2real.judgement.within_reach import shows_limit
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
@@ -99,3 +100,19 @@ def test_only_a_band_whose_edges_the_command_reaches_is_a_dead_band(half_width, 
     differentiate(fits, data, left, True)
     nothing = float(np.sum(abs(data - left([SimpleNamespace(effects={})])[0]) ** 2))
     assert shows_limit(SimpleNamespace(data=data, simulate=left), fits[0], "deadband", nothing) == shown
+
+
+def test_friction_alone_is_weighed_against_damping_as_beside_a_damping_that_does_nothing():
+    cost = {(): 1e5, ("damping",): 700.0, ("friction",): 599.3, ("friction", "damping"): 598.2, ("mass",): 5e4}
+
+    def of(*names):
+        found = next((cost[own] for own in cost if set(own) == set(names)), None)
+        return None if found is None else SimpleNamespace(fit=SimpleNamespace(cost=found))
+
+    candidates = [SimpleNamespace(effects=own) for own in cost]
+    attribution = SimpleNamespace(
+        candidates=candidates, of=of, without=lambda i, name: of(*(set(candidates[i].effects) - {name})).fit.cost
+    )
+    assert _without(attribution, 2, "friction") == _without(attribution, 3, "friction") == 700.0
+    del cost["damping",]
+    assert _without(attribution, 2, "friction") == 1e5
