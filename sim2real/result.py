@@ -24,6 +24,7 @@ from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.untold_time import Late
 from sim2real.search.candidates import Attribution, Candidate
+from sim2real.search.fitting import NOT_TOLD
 from sim2real.search.hypotheses import Coordinate
 from sim2real.words import Fitted
 
@@ -162,16 +163,16 @@ class Diagnosis:
 def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
     """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances.
 
-    A parameter that ended at its bound has no standard error: it is not identified. Nor has any of a candidate that is
-    so far behind the best that it was not fitted again under the final noise.
+    A parameter that ended at its bound has no standard error: it is not identified. Nor has one that nothing tells, or
+    any of a candidate that is so far behind the best that it was not fitted again under the final noise.
     """
     fit, found = candidate.fit, {}
     known = fit.jacobian is not None
-    sd = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0)) if known else np.full(fit.u.size, np.nan)
+    sd = fit.spread if known else np.full(fit.u.size, np.nan)
     for i, c in enumerate(fit.hypothesis.coordinates):
         value = c.value(float(fit.u[i]))
         at_bound = c.at_bound(float(fit.u[i]))
-        se = None if at_bound or not known else _se(c, value, float(sd[i]))
+        se = None if at_bound or not known or sd[i] >= NOT_TOLD else _se(c, value, float(sd[i]))
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
     for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
         if shape := fit.hypothesis.shapes.get(name):

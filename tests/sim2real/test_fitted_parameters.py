@@ -35,3 +35,8 @@ def test_a_form_that_is_wholly_taken_has_not_ended_at_a_bound():
     u = h.bounded(np.full(h.size, 50.0))
     found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, np.zeros((h.size, 2), complex))))
     assert found["support_resonance.inside"] == {"value": 1.0, "se": None, "at_bound": False}
+
+
+def test_a_parameter_that_nothing_tells_has_no_standard_error():
+    found = fitted_parameters(fit(np.zeros((2, 2), complex)))
+    assert found["mass.change"]["se"] is None and found["probe_gain (relative)"]["se"] == pytest.approx(0.02)
