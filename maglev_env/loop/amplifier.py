@@ -49,7 +49,13 @@ STATES = ("amplifier", "amplifier_lag")
 def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndarray:
     """Signal of the coil's current (A): the command (a signal, A) after the amplifier's poles."""
     first, second = values.rig("amplifier_time_constant"), values.effect("amplifier_lag")
-    return system.second_order(STATES, first, second, values.effect("amplifier_lag", "feedback"), command)
+    current = system.lags(STATES, (first, second), command)
+    feedback = np.where((first > 0) & (second > 0), values.effect("amplifier_lag", "feedback"), 0.0)
+    if feedback.any():
+        x1, x2 = (system.signal(name) for name in STATES)
+        rate = np.divide(system.step * feedback, first, out=np.zeros(len(first)), where=first > 0)
+        system.add(STATES[0], rate[:, None] * (x1 - x2))
+    return current
 
 
 # Rows of a lane. X1, X2: outputs of the poles, A. NEXT: coefficients of both outputs at the end of the step; NODES:

@@ -24,12 +24,10 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
     "sensor_lag": EffectCard(
         "sensor",
-        first_order() | {"feedback": Parameter("", -2.0, 0.95, 0.0, scale=1.0, shape=0.4)},
-        "a second probe pole 1 / (1 + s T), D eq 3.20, after the nominal one T_0; with feedback a second-order filter, "
-        "1 / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T)",
+        first_order(),
+        "a second probe pole 1 / (1 + s T), D eq 3.20",
         "force and displacement",
         form_share=0.005,
-        plain_kernel=("feedback",),
     ),
     "sensor_resonance": EffectCard(
         "sensor",
@@ -97,8 +95,7 @@ def reading(system: System, values: Values, displacement: np.ndarray, bearing: n
 
 def probe(system: System, values: Values, seen: np.ndarray) -> np.ndarray:
     """Signal of the displacement read (m): the displacement seen (a signal, m) after the probe's poles."""
-    first, second = values.rig("sensor_time_constant"), values.effect("sensor_lag")
-    return system.second_order(PROBE, first, second, values.effect("sensor_lag", "feedback"), seen)
+    return system.lags(PROBE, (values.rig("sensor_time_constant"), values.effect("sensor_lag")), seen)
 
 
 # Rows of a lane. Z1, Z2: outputs of the probe's poles, m. SEEN: input of the converter, with the other axis' share, m;
@@ -172,8 +169,7 @@ def cross_seen(x, k, own, other):
 def z1_next(x, k, y, v, y1, v1):
     """First probe state at the end of the step, exact for the cubic through the motion at both ends of the step."""
     q = k + CUBIC
-    own = x[q] * x[k + Z1] + x[q + W] * x[k + Z2]  # with feedback
-    return own + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
+    return x[q] * x[k + Z1] + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
 
 
 @piece

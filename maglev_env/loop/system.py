@@ -156,37 +156,6 @@ class System:
             self.shown[:, self._at[name]] = signal = np.where(there[:, None], own, signal)
         return signal
 
-    def second_order(
-        self,
-        names: tuple[str, str],
-        first: np.ndarray,
-        second: np.ndarray,
-        feedback: np.ndarray,
-        signal: np.ndarray,
-    ) -> np.ndarray:
-        """Write a nominal lag T_0 and a second one T with feedback around both.
-
-        Together they are 1 / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T). Where one of both is absent, so is the
-        feedback.
-
-        Args:
-            names: their states.
-            first: T_0, s, (n,).
-            second: T, s, (n,).
-            feedback: (n,).
-            signal: input of the first lag.
-
-        Returns:
-            Output of the second lag, a signal.
-        """
-        found = self.lags(names, (first, second), signal)
-        feedback = np.where((first > 0) & (second > 0), feedback, 0.0)
-        if feedback.any():
-            x1, x2 = (self.signal(name) for name in names)
-            rate = np.divide(self.step * feedback, first, out=np.zeros(len(first)), where=first > 0)
-            self.add(names[0], rate[:, None] * (x1 - x2))
-        return found
-
     def oscillator(
         self,
         names: tuple[str, str],

@@ -63,7 +63,7 @@ class FullAxis(Axis):
         self.power, self.unloading = value("hysteresis", "power"), value("hysteresis", "unloading")
         self.ripple = value("hysteresis", "ripple")
         self.static, self.stribeck = value("friction", "static"), value("friction", "stribeck")
-        self.feedback, self.fed_back = value("amplifier_lag", "feedback"), value("sensor_lag", "feedback")
+        self.feedback = value("amplifier_lag", "feedback")
         self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
         direct, weights, rates = eddy_branches(*(value("eddy_current", k) for k in (None, "order", "depth_hz")))
         self.direct, self.weights, self.rates = float(direct), weights.tolist(), rates.tolist()
@@ -191,8 +191,6 @@ class FullAxis(Axis):
         source = y - w
         for j, time in enumerate(self.sensor, self.first_sensor):
             slopes.append((source - x[j]) / time)
-            if j == self.first_sensor and self.fed_back:
-                slopes[-1] += self.fed_back * (x[j] - x[j + 1]) / time
             source = x[j]
         return slopes
 

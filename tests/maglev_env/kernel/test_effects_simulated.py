@@ -69,7 +69,6 @@ FORMS = {
     "an overshooting amplifier, a plate of finite depth": (
         {**effect("amplifier_lag", 1e-4, feedback=0.6), **effect("eddy_current", 300.0, depth_hz=20.0)}, 1e-5,
     ),
-    "an overshooting probe": (effect("sensor_lag", 1e-4, feedback=0.6), 1e-5),
 }  # fmt: skip
 
 
