@@ -140,7 +140,7 @@ def new(
     stated = questions.ask_rig(stated) if asking else stated
     inside, copied = bring(read, folder)
     own = folder / "rig.toml"
-    untouched = own if force and own.exists() and is_untouched(own) else None
+    untouched = own if force and is_untouched(own) else None
     stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder, untouched))
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     named = one_rotor([replace(g, file=name) for g, name in zip(guesses, names, strict=True)])
