@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim2real.compared.problem import Problem
+from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import TOLERANCE_EFFECTS
 from sim2real.search.fitting import Fit, cost_of, reach
 from sim2real.search.following import following
 from sim2real.search.hypotheses import AT_BOUND, Hypothesis, coordinates_of
 
 MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
+MUCH = 0.3  # share of the most that any record leaves beyond noise from which the one with the largest motion is taken
 FOLLOWED = 2  # starts of an effect that are simulated where they lead; of a resonance, at every frequency
 RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and their least distance in ln frequency
 
@@ -54,8 +55,8 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
     """
     if not jobs:
         return []
-    loudest = problem.loudest
-    single = problem.only(loudest)
+    part = _telling(problem, [seed for seed, _, _ in jobs])
+    single = problem.only(part)
     predicted = single.simulate([h.point(h.bounded(u)) for _, h, u in jobs], settled=False)
     tried: dict[tuple, list[_Promise]] = {}
     found: list[Start] = []
@@ -68,7 +69,7 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
             continue
         key = seed, h.effects
         if key not in looks:
-            looks[key] = _Look(seed, h, loudest.place)
+            looks[key] = _Look(seed, h, part.place)
         at = tuple(v for c, v in zip(h.coordinates, u, strict=False) if apart and c.parameter == "frequency")
         promise = looks[key].followed(h, u, p - (single.data - looks[key].follows.residual))
         tried.setdefault((*key, h.shaped, at), []).append(promise)
@@ -78,6 +79,20 @@ def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]
     predicted = single.simulate([h.point(v) for h, v in led], settled=False) if led else []
     found += [_start(single, h, v, p) for (h, v), p in zip(led, predicted, strict=True) if np.isfinite(p).all()]
     return sorted(found, key=lambda start: start.cost)
+
+
+def _telling(problem: Problem, seeds: Sequence[Fit]) -> Part:
+    """The record on which starts are ranked.
+
+    It is the one with the largest motion, in which nonlinearity shows, but where the best of the seeds leaves next to
+    nothing there: one sine may be the loudest, and tells nothing of a resonance at another frequency.
+    """
+    best = min(seeds, key=lambda seed: seed.cost)
+    if not np.isfinite(best.cost):
+        return problem.loudest
+    left = {id(p): float(np.sum(np.abs(best.residual[p.place]) ** 2 - 2.0)) for p in problem.parts}
+    most = max(problem.parts, key=lambda p: left[id(p)])
+    return problem.loudest if left[id(problem.loudest)] > MUCH * left[id(most)] else most
 
 
 @dataclass(frozen=True)

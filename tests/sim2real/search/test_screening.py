@@ -22,7 +22,7 @@ class Toy:
         self.columns = rng.standard_normal((3, ROWS)) + 1j * rng.standard_normal((3, ROWS))
         noise = rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS)
         self.data = np.asarray(truth) @ self.columns + noise
-        self.place, self.loudest = slice(0, ROWS), self
+        self.place, self.loudest, self.parts = slice(0, ROWS), self, (self,)
 
     def only(self, part):
         return self
@@ -55,6 +55,38 @@ def test_a_start_takes_along_what_follows_it():
     np.testing.assert_allclose(best.u, solved, rtol=1e-6, atol=1e-9)
     left = toy.data - solved @ rows
     assert best.cost == pytest.approx((abs(left) ** 2).sum() + (solved[1:] ** 2).sum(), rel=1e-9)
+
+
+class Two:
+    """Two records: the louder one tells nothing of a delay, as one sine may."""
+
+    def __init__(self, quiet):
+        self.loudest, self.other = Toy(6, (0.2, -0.3, 0.0)), Toy(7, (0.2, -0.3, 4.0))
+        self.loudest.columns[2] *= quiet
+        self.parts, self.own = (self.loudest, self.other), (self.loudest, self.other)
+        self.other.place = slice(ROWS, 2 * ROWS)
+        self.data = np.concatenate([p.data for p in self.own])
+
+    def only(self, part):
+        return part
+
+    def simulate(self, points, settled=True):
+        return np.concatenate([p.simulate(points) for p in self.own], axis=1)
+
+
+@pytest.mark.parametrize("much", [False, True])
+def test_starts_are_ranked_where_something_is_left(much):
+    two = Two(quiet=1e-3)
+    if much:  # where the loudest record leaves as much, nonlinearity shows there
+        two.loudest.data += 4.0 * 1e3 * 10 * two.loudest.columns[2]
+        two.data = np.concatenate([p.data for p in two.own])
+    seed, h = seeded(two, Hypothesis((), TOLERANCE)), Hypothesis(("delay",), TOLERANCE)
+    best = screened(two, [(seed, h, extended(h, start, seed)) for start in starts("delay")])[0]
+    looked_at = two.loudest if much else two.other
+    (predicted,) = looked_at.simulate([h.point(best.u)])
+    left = looked_at.data - predicted
+    assert best.cost == pytest.approx((abs(left) ** 2).sum() + (best.u[1:] ** 2).sum(), rel=1e-9)
+    assert much or best.u[0] == pytest.approx(4.0, abs=0.2)
 
 
 def test_a_tolerance_that_an_effect_frees_does_not_follow_it():
