@@ -1,6 +1,7 @@
 """Evidence of tones: mains pickup, effects of the rotation, and tones that nothing known explains."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,11 +32,22 @@ def spin_costs(problem: Problem, found: list[Sighting]) -> dict[str, float]:
     own = [s for s in found if s.family == "spin" and s.harmonic == 1]
     if not own:
         return {"runout": 0.0, "unbalance": 0.0}
+    own = [_whole([s for s in own if s.record == record]) for record in sorted({s.record for s in own})]
     size, sd = np.array([s.size for s in own]), np.array([s.sd for s in own])
     weight = 1 / (sd**2 + (FORM * size) ** 2)
     speed = np.array([problem.parts[s.record].record.experiment.speed_rpm for s in own])
     force = speed**2 * np.array([s.receptance for s in own])
     return {"runout": _misfit(size, np.ones_like(size), weight), "unbalance": _misfit(size, force, weight)}
+
+
+def _whole(parts: list[Sighting]) -> Sighting:
+    """One tone of a record of which parts were seen apart, as beside a line of its excitation and on it.
+
+    How their phases lie is not known, so the size of the largest is uncertain by all the others.
+    """
+    largest = max(parts, key=lambda s: s.size)
+    rest = sum(s.size for s in parts) - largest.size
+    return replace(largest, sd=float(np.hypot(largest.sd, rest)))
 
 
 def _misfit(size: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> float:

@@ -74,6 +74,17 @@ def test_what_grows_with_the_square_of_the_speed_is_unbalance_and_what_stays_is_
     assert set(stays) < set(TONES)
 
 
+def test_parts_of_one_tone_are_no_further_measurements_of_it():
+    """Beside a line and on it: how large the whole is, between 0.7 and 1.3 of the larger part, is not known."""
+    problem = _Problem(3000.0, 6000.0)
+    parts = [spin(0, 3000.0, 1e-6), spin(0, 3000.0, 3e-7), spin(1, 6000.0, 4.8e-6)]
+    costs = spin_costs(problem, parts)
+    assert costs["unbalance"] < 1  # 1.2 of it
+    assert spin_costs(problem, [parts[0], parts[2]])["unbalance"] > 5  # nothing else there: 1.00 +- 0.05 of it
+    far = [spin(0, 3000.0, 1e-6), spin(0, 3000.0, 3e-7), spin(1, 6000.0, 9e-6)]
+    assert spin_costs(problem, far)["unbalance"] > 5
+
+
 def test_evidence_is_summed_by_family():
     found = [spin(0, 3000.0, 1e-6), Sighting(0, "pickup 50 Hz", 1, 50.0, 1e-7, 1e-9, 1e-5, 40.0),
              Sighting(1, "pickup 60 Hz", 1, 60.0, 1e-7, 1e-9, 1e-5, 30.0),
