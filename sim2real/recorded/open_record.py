@@ -34,6 +34,9 @@ TOGETHER, EACH = 120_000, 30_000
 TOP = 0.4  # of the control rate: highest frequency that is compared
 FOUR_SIGMA = 4.0
 DUST = 1e-8  # of the power in the strongest window: what is left of rounded columns, which goes with the noise
+# Multiples of the power that the noise of its sensor has on a line: what a line of a measured force exceeds hardly ever
+# by noise alone, and what the median of a window stays below.
+STANDS_OUT, BROAD = 9.0, 1.5
 UNSURE_OF_GAINS = 1e-6  # of a command's power in a window: a drive is not known better than the gains that it needs
 TELLING = 0.01  # of the noise: above the last window in which what drives the loop moves it as much nothing is compared
 
@@ -159,7 +162,9 @@ class OpenRecord:
         of what of it is free of noise.
 
         What is left of a command beyond that of the stated controller is zero in windows in which it is next to nothing
-        of the command: there it is what the stated gains are off by, times the very noise that it would explain.
+        of the command: there it is what the stated gains are off by, times the very noise that it would explain. So is
+        a measured force on lines on which it is the noise of its sensor: the rotor did not feel that, so all that the
+        simulation makes of it would be left along it.
         """
         if self.instrument is not None:
             return self.instrument
@@ -167,6 +172,11 @@ class OpenRecord:
         if self.source is not None:
             own, whole = map(self.windows.power, (found["current"], self.spectrum(self.command)))
             found["current"] = np.where((own > UNSURE_OF_GAINS * whole)[..., None], found["current"], 0.0)
+        if (stated := self.nominal.noise.force) > 0:
+            felt = self.windows.cleared(found["force"])
+            power = np.abs(felt) ** 2 / ((2 * stated) ** 2 / self.windows.samples)
+            broad = np.median(power, axis=-1, keepdims=True) > BROAD
+            found["force"] = np.where((power > STANDS_OUT) | broad, felt, 0.0)
         moving = [lines for place, waves in self.waves.items() for lines in found[place][np.ptp(waves, axis=1) > 0]]
         return np.stack(moving) if moving else next(iter(found.values()))[:1]
 
