@@ -1,4 +1,4 @@
-"""A sine pushes a mass on a spring, and the load cell is noisy: elsewhere than at the sine, its reading is noise alone."""
+"""A sine pushes a mass on a spring, and the load cell is noisy: elsewhere than at the sine, it reads noise alone."""
 
 import numpy as np
 from pushed_campaign import write_campaign
