@@ -216,7 +216,7 @@ def _over_frequency(
     at = replace(point, effects=effects)
     # The channels' errors about none, as the gain in bands is found with the drive as it was read.
     records, used = [p.record for p in problem.parts], [p.used for p in problem.parts]
-    plain = assemble(records, used, at, rest=False, crossed=problem.crossed)
+    plain = assemble(records, used, at, rest=False, for_estimate=problem.for_estimate)
     return apparent_gain(plain, at, of("actuator_gain")[0], known)
 
 

@@ -50,7 +50,7 @@ def fitted(
     given = {} if near is None else near.hypothesis.given
     h = Hypothesis((*names, *more), allowed, scales=rig.scales, given=given)
     u = np.zeros(h.size) if near is None else _carried(h, near)
-    problem = assemble(records, near=None if near is None else h.point(u), rest=rest, crossed=True)
+    problem = assemble(records, near=None if near is None else h.point(u), rest=rest, for_estimate=True)
     start = u
     least = PASSES if near is None else 1
     opened, stood = any(isinstance(r, OpenRecord) for r in records), None

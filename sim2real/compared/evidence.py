@@ -59,10 +59,10 @@ class Evidence:
 
 
 def evidence_of(
-    record: Record | OpenRecord, near: Point, amounts: Mapping[str, float], crossed: bool = False
+    record: Record | OpenRecord, near: Point, amounts: Mapping[str, float], for_estimate: bool = False
 ) -> Evidence:
     """What a record says, compared with a point; the errors of a measured drive are linearised about their amounts, and
-    what two axes may do to each other is a nuisance if it is `crossed`.
+    what two axes may do to each other is a nuisance `for_estimate`.
 
     The errors act in proportion on the drive, but their product with a coefficient does not: a current that is late by
     half a sample hides what the gain does unless the simulation has it, too.
@@ -131,7 +131,7 @@ def evidence_of(
             nuisances |= {name: c / (step if name in shapes else 1.0) for name, c in columns.items()}
             if bending:
                 measured = measured + sum(bends[name] * nuisances[name] for name in bends)
-        if crossed:
+        if for_estimate:
             nuisances |= crossed_columns(record, loop, opened.outputs, predicted, at_near)
     for tone in record.tones:
         nuisances |= nuisance_columns(record, tone, opened.outputs)

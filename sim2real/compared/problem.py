@@ -84,8 +84,8 @@ class Problem:
         bench: Noise that recordings without a period may have at most.
         errors: Name -> amount, in standard deviations, of errors of a measured drive about which the problem is
             linearised; 0 of the others.
-        crossed: Whether what two axes may do to each other is a nuisance: for an estimate. In a diagnosis it is a gap,
-            and the form of the amplifier's lag is a nuisance.
+        for_estimate: Whether what two axes may do to each other is a nuisance. In a diagnosis it is a gap, and the form
+            of the amplifier's lag is a nuisance.
     """
 
     parts: tuple[Part, ...]
@@ -100,7 +100,7 @@ class Problem:
     static: StaticEstimate | None = None
     bench: BenchNoise = NO_BOUND
     errors: Mapping[str, float] = field(default_factory=dict)
-    crossed: bool = False
+    for_estimate: bool = False
 
     @cached_property
     def data(self) -> np.ndarray:
@@ -222,7 +222,7 @@ class Problem:
     ) -> "Problem":
         """As `again`, about these amounts of the errors of measured drives."""
         records, used = records or [p.record for p in self.parts], [p.used for p in self.parts]
-        return assemble(records, used, near, self.static is not None, louder, self.bench, errors, self.crossed)
+        return assemble(records, used, near, self.static is not None, louder, self.bench, errors, self.for_estimate)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
         """Two problems: one without every n-th excited line, and one of those lines alone."""
@@ -254,7 +254,7 @@ def assemble(
     louder: float = 1.0,
     bench: BenchNoise = NO_BOUND,
     errors: Mapping[str, float] | None = None,
-    crossed: bool = False,
+    for_estimate: bool = False,
 ) -> Problem:
     """Stack records into one problem.
 
@@ -266,7 +266,7 @@ def assemble(
         louder: Factor on the noise of records without a period.
         bench: Noise that these may have at most; what is beyond is no noise.
         errors: Name -> amount of errors of measured drives about which they are linearised; 0 by default.
-        crossed: As of `Problem`.
+        for_estimate: As of `Problem`.
     """
     errors = errors or {}
     parts, nuisances, at = [], [], 0
@@ -276,9 +276,9 @@ def assemble(
     }
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        evidence = evidence_of(record, near or Point({}, {}), errors, crossed)
+        evidence = evidence_of(record, near or Point({}, {}), errors, for_estimate)
         unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
-        forms = form_nuisances(record.nominal, evidence.predictor, not unsure_of_all, crossed)
+        forms = form_nuisances(record.nominal, evidence.predictor, not unsure_of_all, for_estimate)
         unsure = {**evidence.nuisances, **forms}
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
         if isinstance(record, OpenRecord):
@@ -325,6 +325,6 @@ def assemble(
         static=static,
         bench=bench,
         errors=errors,
-        crossed=crossed,
+        for_estimate=for_estimate,
         **columns_of,
     )

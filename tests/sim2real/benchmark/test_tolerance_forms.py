@@ -116,7 +116,7 @@ def test_calibration_takes_up_a_lag_of_several_poles(tmp_path, monkeypatch):
     _, (record,) = read_records(tmp_path / "c")
     left = {}
     for for_estimate in (False, True):
-        problem = problem_module.assemble([record], rest=False, crossed=for_estimate)
+        problem = problem_module.assemble([record], rest=False, for_estimate=for_estimate)
         h = Hypothesis((), tolerances(record.nominal), scales=record.nominal.scales)
         (fit,) = begin([h], [np.zeros(h.size)], problem.data, problem.simulate)
         iterate([fit], problem.data, problem.simulate, 8)

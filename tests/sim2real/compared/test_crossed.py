@@ -46,6 +46,6 @@ def test_it_is_a_nuisance_of_an_estimate_and_a_gap_of_a_diagnosis(tmp_path):
     (tmp_path / "campaign.toml").write_text("\n".join(text))
     _, records = read_records(tmp_path)
     across = {TURNED, "gain across the axes", "gain around the axes", "stiffness across the axes"}
-    diagnosed, estimated = assemble(records), assemble(records, crossed=True)
+    diagnosed, estimated = assemble(records), assemble(records, for_estimate=True)
     assert not across.intersection(diagnosed.nuisances.names)
     assert across <= set(estimated.nuisances.names)

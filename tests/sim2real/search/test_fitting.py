@@ -280,7 +280,7 @@ def test_standard_errors_cover_a_delay_beside_tolerances_that_are_off(tmp_path):
     pulls, sizes = [], []
     hypothesis = Hypothesis(("delay",), allowed)
     for record in repeated(tmp_path, experiments):
-        problem = assemble([record], crossed=True)
+        problem = assemble([record], for_estimate=True)
         fits = begin([hypothesis], [np.r_[1.0, np.zeros(len(allowed))]], problem.data, problem.simulate)
         iterate(fits, problem.data, problem.simulate, 4)
         differentiate(fits, problem.data, problem.simulate, True)
