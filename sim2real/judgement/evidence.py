@@ -18,7 +18,7 @@ from sim2real.judgement.lost_commands import LOST, scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line
 from sim2real.judgement.outside_meaning import meaningless_cost
 from sim2real.judgement.stated_stiffness import stiffness_cost
-from sim2real.judgement.within_reach import LIMITED, RIVALS, shows_limit
+from sim2real.judgement.within_reach import LIMITS, shows_limit
 from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
@@ -157,7 +157,8 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
         fit = candidates[i].fit
         if fit.jacobian is None and np.isfinite(fit.cost):  # what follows, and its dispersion, need one
             differentiate([fit], p.data, p.simulate, True)
-        limited = all(shows_limit(p, fit, name, _without(attribution, int(i), name)) for name in LIMITED)
+        asked = [name for name in candidates[i].effects if name in LIMITS]
+        limited = all(shows_limit(p, fit, name, _without(attribution, int(i), name)) for name in asked)
         if not limited and len(candidates[i].effects) == 1:
             refused[i] = cost[i]
         if not limited or acts_on_one_line(p, fit):
@@ -171,7 +172,7 @@ def _without(attribution: Attribution, candidate: int, name: str) -> float:
     Else friction beside a damping that does nothing would be shown by a limit that friction alone is refused for.
     """
     rest = {other for other in attribution.candidates[candidate].effects if other != name}
-    rival = attribution.of(*rest, RIVALS[name]) if RIVALS[name] not in rest else None
+    rival = attribution.of(*rest, LIMITS[name].rival) if LIMITS[name].rival not in rest else None
     return min(attribution.without(candidate, name), np.inf if rival is None else rival.fit.cost)
 
 

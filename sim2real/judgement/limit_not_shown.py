@@ -1,15 +1,9 @@
 """What is said of an effect that explains as much as what is named, but without the limit that tells it from others."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 from sim2real.judgement.evidence import Evidence
-
-# What effects with a limit (`within_reach`) are without its limit.
-LINEAR: Mapping[str, str] = {
-    "friction": "a spring in series with a damper",
-    "hysteresis": "a smaller gain or, under ripple, a lag",
-    "deadband": "a smaller gain",
-}
+from sim2real.judgement.within_reach import LIMITS
 
 
 def without_limit_in_words(evidence: Evidence, named: Collection[int]) -> list[str]:
@@ -24,8 +18,8 @@ def without_limit_in_words(evidence: Evidence, named: Collection[int]) -> list[s
     most = min(evidence.cost[i] for i in named)
     alike = [names[0] for names, cost in zip(evidence.effects, evidence.refused, strict=True) if cost <= most]
     return [
-        f"{name} would explain as much, but as {LINEAR[name]}: no recording shows the limit that tells it from others, "
-        "so it is not named; record larger motion"
+        f"{name} would explain as much, but as {LIMITS[name].without}: no recording shows the limit that tells it from "
+        "others, so it is not named; record larger motion"
         for name in alike
-        if name in LINEAR
+        if name in LIMITS
     ]

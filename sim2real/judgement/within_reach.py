@@ -12,6 +12,7 @@ a small part is bent. What is linear, and not just a spring in series with a dam
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,15 +23,29 @@ from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.search.fitting import Fit
 from sim2real.search.following import following
 
-# Of each such effect, the parameters which, multiplied by the same factor, keep what it does to a small motion; the
-# first of them is the limit.
-LIMITED: Mapping[str, tuple[str, ...]] = {
-    "friction": ("force", "velocity", "presliding", "stribeck"),
-    "hysteresis": ("width", "ripple"),
-    "deadband": ("half_width", "rounding"),
+
+@dataclass(frozen=True)
+class Limit:
+    """The limit of an effect, without which that is linear.
+
+    Attributes:
+        scaled: Parameters which, multiplied by the same factor, keep what it does to a small motion; the first of them
+            is the limit.
+        rival: The linear effect that is the nearest: what the limit explains is weighed against what is explained
+            beyond it.
+        without: What the effect is without its limit, in words.
+    """
+
+    scaled: tuple[str, ...]
+    rival: str
+    without: str
+
+
+LIMITS: Mapping[str, Limit] = {
+    "friction": Limit(("force", "velocity", "presliding", "stribeck"), "damping", "a spring in series with a damper"),
+    "hysteresis": Limit(("width", "ripple"), "actuator_gain", "a smaller gain or, under ripple, a lag"),
+    "deadband": Limit(("half_width", "rounding"), "actuator_gain", "a smaller gain"),
 }
-# The linear effect that is the nearest to each: what the limit explains is weighed against what is explained beyond it.
-RIVALS: Mapping[str, str] = {"friction": "damping", "hysteresis": "actuator_gain", "deadband": "actuator_gain"}
 FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
 # Cost, in units of the reduced chi-square, that the limit of a fit which leaves noise alone must save.
@@ -43,26 +58,26 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
 
     Args:
         problem: The recordings.
-        fit: A hypothesis with its Jacobian; True without one, or without the effect.
-        name: One of LIMITED.
+        fit: A hypothesis with its Jacobian; True without one.
+        name: One of its effects that is among LIMITS.
         without: Cost of the same hypothesis without the effect, or with its rival instead.
     """
-    h, at, limited = fit.hypothesis, fit.hypothesis.point(fit.u), LIMITED[name]
-    if name not in h.effects or fit.jacobian is None or not np.isfinite(without):
+    h, at, scaled = fit.hypothesis, fit.hypothesis.point(fit.u), LIMITS[name].scaled
+    if fit.jacobian is None or not np.isfinite(without):
         return True
     card = EFFECTS[name].parameters
-    values = {key: card[key].default for key in limited} | at.effects[name]
-    factor = min([FAR, *(card[key].high / values[key] for key in limited if values[key])])
+    values = {key: card[key].default for key in scaled} | at.effects[name]
+    factor = min([FAR, *(card[key].high / values[key] for key in scaled if values[key])])
     if factor < LEAST:
         return True
-    values |= {key: min(factor * values[key], card[key].high) for key in limited}
+    values |= {key: min(factor * values[key], card[key].high) for key in scaled}
     never = Point({**at.effects, name: values}, at.changes, at.dithered)
     (linear,) = problem.simulate([never])
     if not np.isfinite(linear).all():
         return True
     # All else follows, to first order, but for the coordinate that would bring the limit back.
     names = [(c.effect, c.parameter) for c in h.coordinates]
-    free = np.array([own != (name, limited[0]) for own in names] + [True] * len(h.calibrated))
+    free = np.array([own != (name, scaled[0]) for own in names] + [True] * len(h.calibrated))
     cost = following(fit, free).cost(linear - (problem.data - fit.residual))
     share, count = SHOWN * (without - fit.cost), 2.0 * problem.data.size
     noise_alone = fit.cost < count + LEFT_SD * NOISE_INFLATION * np.sqrt(2.0 * count)
