@@ -16,7 +16,8 @@ from maglev_env.rig.rig import Rig
 from sim2real.coefficients import Coefficient, coefficients_alone, coefficients_of, misfit
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
-from sim2real.search.fitting import Fit, cost_of, differentiate, iterate
+from sim2real.search.fit import Fit, cost_of
+from sim2real.search.fitting import differentiate, iterate
 from sim2real.words import quantity
 
 CLEAR = 3.0  # standard errors from which the axes differ

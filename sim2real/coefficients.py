@@ -16,7 +16,8 @@ from sim2real.one_sided import bounded_spread
 from sim2real.recorded.at_rest.static_evidence import can_rest, of_weight
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.search.fitting import CONVERGED, Fit
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import CONVERGED
 from sim2real.search.valleys import CHANCE
 
 # What is identified, each as an effect of this name, and its unit.

@@ -16,7 +16,7 @@ from sim2real.compared.problem import Problem
 from sim2real.pooled_fit import fitted
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 
 CLEAR = 4.0  # standard errors from which the two delays differ
 POOR = 1.5  # misfit from which the displacement is fitted anew

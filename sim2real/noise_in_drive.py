@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.compared.problem import Part, Problem
-from sim2real.search.fitting import Fit, differentiate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import differentiate
 
 # Share of what tells a coordinate from which an answer to noise leaves it untold. On a shaken rotor whose gain was up
 # to nine standard errors off it is a fifth to a half; where estimates are right, next to nothing.

@@ -10,7 +10,7 @@ from itertools import chain, combinations
 import numpy as np
 from scipy import optimize, stats
 
-from sim2real.search.fitting import Fit, inverse
+from sim2real.search.fit import Fit, inverse
 
 REACH = float(stats.norm.isf(0.025))  # standard errors to the end of a 95 % interval
 FARTHEST = 1e6  # coordinates: what lies beyond is not bounded

@@ -32,7 +32,7 @@ from sim2real.pooled_fit import fitted
 from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.second_body import BODY, SecondBody, body_in_words, second_body_of, with_second_body
 from sim2real.words import quantity
 

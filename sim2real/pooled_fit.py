@@ -15,7 +15,8 @@ from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_evidence import exact_errors
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import REPLACED, Hypothesis
 from sim2real.search.valleys import held_at_nominal
 from sim2real.search.where_it_stands import where_it_stands

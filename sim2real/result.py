@@ -24,7 +24,7 @@ from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.untold_time import Late
 from sim2real.search.candidates import Attribution, Candidate
-from sim2real.search.fitting import NOT_TOLD
+from sim2real.search.fit import NOT_TOLD
 from sim2real.search.hypotheses import Coordinate
 from sim2real.words import Fitted
 

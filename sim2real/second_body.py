@@ -6,7 +6,8 @@ import numpy as np
 
 from sim2real.coefficients import misfit
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import starts
 
 BODY = "support_resonance"

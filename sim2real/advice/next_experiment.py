@@ -18,7 +18,8 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import opened_loop, stated_noise
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
-from sim2real.search.fitting import CALIBRATION_STEP, STEP, Fit
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import CALIBRATION_STEP, STEP
 
 REMAINING = 4  # candidates to be separated
 SEPARATED = 4.7  # cost between two candidates below which they count as alike (a likelihood ratio of about ten)

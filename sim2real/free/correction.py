@@ -20,7 +20,7 @@ from sim2real.free.trend import Trend, trend_of
 from sim2real.free.words import in_words
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.candidates import Attribution, Candidate
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.words import percent
 
 POOR = 0.3  # share of the gap that corrections of calibration may leave before those of the best explanation are tried

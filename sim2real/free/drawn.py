@@ -9,7 +9,7 @@ from maglev_env.loop.free.element import LINE, PLAYS, RATIO, RELAXATIONS, SHARES
 from sim2real.compared.problem import Problem
 from sim2real.free.kinds import CURVE, LINEAR, PLACES, Freed, Kind
 from sim2real.free.shape import Form, form_of
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 
 GAIN_SD = 0.1  # prior standard deviation of the relative error of a gain
 FREQUENCIES, CYCLE = 41, 200  # points of a factor over frequency, and of a loop

@@ -6,7 +6,8 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.free.kinds import Freed, Kind, Sizes, freed, kinds, sizes_of
-from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, differentiate, iterate
 
 TRIED, FIRST, STEPS = 5, 3, 12  # kinds that are fitted, steps of all of them, and steps of the two best
 FOLLOWED = 2

@@ -10,7 +10,8 @@ from sim2real.compared.simulated import Point
 from sim2real.gap.fit_figures import Figures, figures
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.candidates import Attribution, Candidate
-from sim2real.search.fitting import Fit, begin, differentiate, inverse, real_product
+from sim2real.search.fit import Fit, inverse, real_product
+from sim2real.search.fitting import begin, differentiate
 
 RESAMPLES = 400
 SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed

@@ -11,7 +11,7 @@ from sim2real.gap.shrink import closed, gap_of, left_on, lost
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import NO_GAP, Attribution
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import UNKNOWN, WIDER
 
 SIGNIFICANT = 3.0  # standard deviations of the noise's power on the holdout

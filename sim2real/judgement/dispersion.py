@@ -18,7 +18,7 @@ from maglev_env.loop.effect import effect_value
 from sim2real.compared.problem import Part, Problem
 from sim2real.judgement.lost_commands import LOST, louder_along, scatters
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 
 NOISE_INFLATION = 1.5  # of the residuals' chi-square, whose noise is told by the same recording
 UNLIKELY = 1e-4  # probability under noise alone below which a chi-square is more than noise

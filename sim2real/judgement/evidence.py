@@ -22,7 +22,8 @@ from sim2real.judgement.within_reach import LIMITS, shows_limit
 from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
-from sim2real.search.fitting import Fit, differentiate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import differentiate
 from sim2real.search.hypotheses import REPLACED, added_lag
 
 NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such

@@ -12,7 +12,7 @@ import scipy.signal
 from estimation.lines.line_windows import KEPT, POOLED
 from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.fitting import NOT_TOLD, Fit
+from sim2real.search.fit import NOT_TOLD, Fit
 
 LOST = "dropped_samples"
 RINGS = 2.0  # times the responses of the windows beside it that of a window in which a plant rings has

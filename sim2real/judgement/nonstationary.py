@@ -14,7 +14,7 @@ import scipy.fft
 from estimation.lines.line_windows import KEPT, WIDTH
 from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 
 BLOCKS = 40
 SIGNIFICANT = 3.0  # standard deviations by which the ratio of the variances must exceed 1

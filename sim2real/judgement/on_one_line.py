@@ -10,7 +10,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.following import Following
 from sim2real.search.hypotheses import RESONANCES
 

@@ -8,7 +8,7 @@ resonance, or a stop that touches wherever the rotor is.
 import numpy as np
 
 from maglev_env.rig.rig import Rig
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import RESONANCES
 
 NO_RESONANCE = 0.3  # damping ratio; supports and mounts of metal, rubber or print have 0.2 at most

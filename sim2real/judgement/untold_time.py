@@ -12,7 +12,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.words import quantity
 
 CLEAR = 4.0  # standard errors from which a time is said

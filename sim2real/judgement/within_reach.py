@@ -20,7 +20,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_INFLATION
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.following import following
 
 

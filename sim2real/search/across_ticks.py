@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, iterate
 from sim2real.search.singles import ITERATIONS
 
 DELAY = "delay"

@@ -6,7 +6,8 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.search.candidates import Attribution
-from sim2real.search.fitting import Fit, begin, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, iterate
 from sim2real.search.singles import ITERATIONS
 
 ADDS = 4.0  # cost that a pair must save beside one of its effects to be fitted again

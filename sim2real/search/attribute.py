@@ -14,7 +14,8 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.across_ticks import across_ticks
 from sim2real.search.again import again
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
-from sim2real.search.fitting import Fit, begin, differentiate, iterate, share_calibrations
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
     Hypothesis,
     single_effects,

@@ -8,7 +8,8 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import (
     Hypothesis,
 )

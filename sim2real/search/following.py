@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sim2real.search.fitting import Fit, inverse, real_product
+from sim2real.search.fit import Fit, inverse, real_product
 
 
 @dataclass(frozen=True)

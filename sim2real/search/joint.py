@@ -13,7 +13,8 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.recorded.drifting import DRIFTING
-from sim2real.search.fitting import Fit, reach
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import reach
 from sim2real.search.following import following
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.screening import MOST_SCALED, extended

@@ -7,7 +7,8 @@ import numpy as np
 
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import TOLERANCE_EFFECTS
-from sim2real.search.fitting import Fit, cost_of, reach
+from sim2real.search.fit import Fit, cost_of
+from sim2real.search.fitting import reach
 from sim2real.search.following import following
 from sim2real.search.hypotheses import AT_BOUND, Hypothesis, coordinates_of
 

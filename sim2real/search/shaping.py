@@ -7,7 +7,8 @@ from itertools import product
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, differentiate, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.following import following
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.shapes import shapes_of

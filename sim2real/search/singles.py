@@ -6,7 +6,8 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.reached import current_reached
-from sim2real.search.fitting import Fit, begin, iterate, share_calibrations
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, iterate, share_calibrations
 from sim2real.search.hypotheses import (
     starts,
     starts_elsewhere,

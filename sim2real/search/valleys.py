@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin, iterate
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, iterate
 
 WIDE = 0.05  # relative standard error from which a valley may be bent
 BEYOND = 0.15  # relative change from which it may be, however narrow the valley is at the fit

@@ -5,7 +5,8 @@ from itertools import product
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fitting import Fit, begin
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin
 from sim2real.search.hypotheses import Hypothesis
 
 LAW = "actuator_gain", "negative_stiffness"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim2real.coefficients import Coefficient, across_recordings, least_spread, standard_errors
-from sim2real.search.fitting import Fit, cost_of
+from sim2real.search.fit import Fit, cost_of
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.valleys import CHANCE
 

@@ -5,7 +5,7 @@ import pytest
 
 from sim2real.result import fitted_parameters
 from sim2real.search.candidates import Candidate
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import Hypothesis
 
 MASS = Hypothesis(("mass",), {"probe_gain": 0.02})

@@ -8,7 +8,7 @@ import pytest
 from maglev_env.loop.card import SMALL_ROTOR
 from sim2real.coefficients import Coefficient
 from sim2real.one_sided import REACH, bounded_spread
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import Hypothesis
 
 SUM = 2.0  # what one unit of either time changes, in standard deviations of the noise

@@ -21,7 +21,7 @@ from sim2real.recorded.open_evidence import coordinates_of, simulated_series, sm
 from sim2real.recorded.open_loop import loop_at
 from sim2real.recorded.open_reading import SHAPED
 from sim2real.recorded.records import read_records
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import Hypothesis
 
 

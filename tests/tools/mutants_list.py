@@ -321,7 +321,7 @@ MUTANTS = (
             ),
         ),
         ("test_fitting.py",),
-        file="sim2real/search/fitting.py",
+        file="sim2real/search/fit.py",
     ),
     Mutant(
         "tones-phase-sign",

@@ -12,7 +12,8 @@ from sim2real.blind.cases import DIAGNOSIS_SCHEMA
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import tolerances
 from sim2real.recorded.records import read_records
-from sim2real.search.fitting import begin, differentiate, iterate, real_product
+from sim2real.search.fit import real_product
+from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis, single_effects
 
 LEVEL = 0.01  # of the test by which the refit finds no gap

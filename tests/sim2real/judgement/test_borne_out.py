@@ -8,7 +8,7 @@ import pytest
 from sim2real.judgement import borne_out as borne_out_module
 from sim2real.judgement.borne_out import borne_out, shows_nothing, without
 from sim2real.judgement.judge import Entry
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import Hypothesis
 
 ENTRIES = [

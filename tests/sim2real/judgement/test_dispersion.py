@@ -9,7 +9,7 @@ from estimation.lines.line_windows import KEPT, WIDTH, LineWindows
 from sim2real.judgement import dispersion
 from sim2real.judgement.dispersion import NOISE_ALONE, ChiSquare, Dispersion, _left, dispersion_of
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import Hypothesis
 
 RECORDS, LINES = 3, 200

@@ -14,7 +14,7 @@ from sim2real.judgement.lost_commands import (
     scatter_variance,
 )
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import Hypothesis
 
 RATE, SAMPLES = 1000.0, 20_000

@@ -12,16 +12,8 @@ from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import TOLERANCE_EFFECTS, tolerances
 from sim2real.search.candidates import Candidate
-from sim2real.search.fitting import (
-    NOT_TOLD,
-    Fit,
-    begin,
-    cost_of,
-    differentiate,
-    inverse,
-    iterate,
-    share_calibrations,
-)
+from sim2real.search.fit import NOT_TOLD, Fit, cost_of, inverse
+from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import FORM, FORM_SHARE, MOST_FORM, Hypothesis
 
 TOLERANCE = {"probe_gain": 0.02, "negative_stiffness": 0.1}

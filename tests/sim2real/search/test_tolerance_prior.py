@@ -13,7 +13,7 @@ from sim2real.compared.simulated import tolerances
 from sim2real.diagnosis import diagnose
 from sim2real.search import attribute
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
-from sim2real.search.fitting import Fit
+from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import EXCLUDED, STEEP, WIDER, Hypothesis, single_effects
 
 HEAVY = Bench(gain=0.3, stiffness=0.3)  # without a force, the same as a mass that is smaller by 23 %
