@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from estimation.lines.tones import tone_at
+from estimation.lines.tones import Tone, tone_at
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
@@ -24,6 +24,7 @@ NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
 # Octaves from a fitted mode within which a tone is attributed to its ringing: at most, and per damping ratio.
 RINGING, RINGING_WIDTHS = 0.25, 8.0
+SURE = 5.0  # standard errors by which a tone's frequency is off at most
 SHIFTED = 0.1  # bins of the resolution within which a tone lies where the drive shifts another one
 HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
@@ -183,7 +184,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     speed = record.experiment.speed_rpm
     resolution = _resolution(record)
     for tone in record.tones:
-        name = origin(tone.frequency, speed, resolution) or FOREIGN
+        name = origin(tone.frequency, speed, resolution * _told(record, tone)) or FOREIGN
         if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < near for f, near in modes):
             continue  # noise that excites a lightly damped mode
         harmonic = 1
@@ -195,6 +196,17 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
             Sighting(index, name, harmonic, tone.frequency, size, size / np.sqrt(tone.chi2), receptance, tone.chi2)
         )
     return found
+
+
+def _told(record: Record | OpenRecord, tone: Tone) -> float:
+    """Share of the resolution to which a tone's frequency is told, at most 1.
+
+    A tone that is loud enough is told far better: the least standard error is sqrt(3 / chi2) / pi bins (D. Rife and
+    R. Boorstyn, IEEE Transactions on Information Theory 20, 1974). Beside a line of a record with periods it is not.
+    """
+    if not isinstance(record, OpenRecord):
+        return 1.0
+    return float(np.clip(SURE * np.sqrt(3.0 / tone.chi2) / np.pi, SHIFTED, SAME)) / SAME
 
 
 def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:

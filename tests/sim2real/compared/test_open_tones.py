@@ -23,6 +23,7 @@ from sim2real.compared.open_tones import (
 )
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import Point
+from sim2real.judgement.sightings import FOREIGN, _between
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import tone_lines
 
@@ -189,3 +190,11 @@ def test_the_record_that_tells_a_frequency_best_tells_it_for_all(read, chi2, mov
     window = abs(record.windows.centre - tone.frequency).argmin()
     before, after = (np.sum(abs(r.lines[:, window]) ** 2) for r in (left, cleared))
     assert after < 0.8 * before if moved else after == pytest.approx(before)
+
+
+@pytest.mark.parametrize(("frequency", "family"), [(60.3, FOREIGN), (60.05, "pickup 60 Hz"), (49.9, "pickup 50 Hz")])
+def test_a_loud_tone_beside_the_mains_is_not_theirs(read_both, frequency, family):
+    """A third of a line of a recording of 1 s, which a faint tone would be uncertain by; mains are off by 0.1 Hz."""
+    records = toned(read_both(Bench(tone=10 * TONE, tone_frequency=frequency)))
+    for i, part in enumerate(assemble(records).parts):
+        assert {s.family for s in _between(i, part, Point({}, {}))} == {family}
