@@ -92,9 +92,12 @@ def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attributi
     """
     best = min(attribution.candidates, key=lambda c: c.predictive).fit
     near = best.hypothesis.point(best.u)
-    if best.jacobian is None:  # it was far behind before, and only simulated
-        differentiate([best], fitted.data, fitted.simulate, True)
-    louder = float(widening(fitted, best).max(initial=1.0))
+    # What only a further effect is uncertain by, which explains hardly more, is no noise of the rest.
+    plain = attribution.simplest.fit
+    for fit in (best, plain):
+        if fit.jacobian is None:  # it was far behind before, and only simulated
+            differentiate([fit], fitted.data, fitted.simulate, True)
+    louder = float(widening(fitted, plain).max(initial=1.0))
     own = {p.record.name: p.record for p in (*fitted.parts, *judged.parts)}
     own = dict(zip(own, toned([*own.values()], near), strict=True))
     again = [p.again(near, louder, [own[part.record.name] for part in p.parts]) for p in (fitted, judged)]

@@ -2,11 +2,12 @@
 
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
-resonance, or a stop that touches wherever the rotor is.
+resonance, a stop that touches wherever the rotor is, or a zero of the current that is off by all of the bias.
 """
 
 import numpy as np
 
+from maglev_env.loop.effect import EFFECTS
 from maglev_env.rig.rig import Rig
 from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import RESONANCES
@@ -28,6 +29,9 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float) -> float:
     if max(ratios, default=0.0) >= NO_RESONANCE:
         return np.inf
     if STOP in fit.hypothesis.effects and point.effects[STOP]["distance"] < FREE_PLAY * motion:
+        return np.inf
+    own = zip(fit.hypothesis.coordinates, fit.u, strict=False)
+    if any(EFFECTS[c.effect].parameters[c.parameter].within_bias and c.at_bound(float(u)) for c, u in own):
         return np.inf
     return _driving_cost(fit, rig)
 

@@ -55,3 +55,13 @@ def test_a_stop_that_touches_wherever_the_rotor_is_is_none(distance, cost):
     u = np.array([c.at(values.get(c.parameter, max(c.low, 1.0))) for c in h.coordinates])
     (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
     assert meaningless_cost(fit, RIG, 1e-4) == cost
+
+
+@pytest.mark.parametrize(("share", "cost"), [(-1.0, np.inf), (0.98, 0.0), (0.2, 0.0), (1.0, np.inf)])
+def test_a_zero_of_the_current_that_is_off_by_all_of_the_bias_is_none(share, cost):
+    """One magnet of the pair would have no current at all."""
+    h = Hypothesis(("actuator_offset",), {}, scales=RIG.scales)
+    (c,) = h.coordinates
+    u = np.array([c.at(share * RIG.bias_current)])
+    (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
+    assert meaningless_cost(fit, RIG, 1e-4) == cost
