@@ -46,7 +46,9 @@ LIMITS: Mapping[str, Limit] = {
     "hysteresis": Limit(("width", "ripple"), "actuator_gain", "a smaller gain or, under ripple, a lag"),
     "deadband": Limit(("half_width", "rounding"), "actuator_gain", "a smaller gain"),
 }
-FAR, LEAST = 100.0, 3.0  # such a factor, if the bounds of the effect allow it: the limit is then out of reach
+# Such a factor: the limit is then out of reach. At the end of the range of the effect it is less, but the fit has then
+# followed the recordings as far as it could to where there is no limit.
+FAR = 100.0
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
 # Cost, in units of the reduced chi-square, that the limit of a fit which leaves noise alone must save.
 BEYOND_NOISE = 20.0
@@ -68,8 +70,6 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
     card = EFFECTS[name].parameters
     values = {key: card[key].default for key in scaled} | at.effects[name]
     factor = min([FAR, *(card[key].high / values[key] for key in scaled if values[key])])
-    if factor < LEAST:
-        return True
     values |= {key: min(factor * values[key], card[key].high) for key in scaled}
     never = Point({**at.effects, name: values}, at.changes, at.dithered)
     (linear,) = problem.simulate([never])

@@ -47,9 +47,18 @@ def test_only_a_limit_that_the_motion_reaches_is_friction(response, shown):
     assert ratios == pytest.approx(dict.fromkeys(fitted, ratios["force"])) and ratios["force"] > 10
 
 
-def test_what_has_no_friction_or_no_derivative_is_not_asked():
-    (delay,) = begin([Hypothesis(("delay",), {})], [np.array([1.0])], MOTION, simulate)
-    assert shows_limit(SimpleNamespace(), delay, "friction", 1.0)
+@pytest.mark.parametrize("presliding", [4e-4, 1e-3])
+def test_a_limit_near_the_end_of_its_range_is_not_shown_by_that(presliding):
+    """At 1 mm, where the range ends, it cannot be tried farther away: bristles that bend by 2 um are a spring."""
+    data = simulate([SimpleNamespace(effects={"friction": {"force": 1e3 * presliding, "presliding": presliding}})])[0]
+    fitted = {"force": 1e3 * presliding, "velocity": 1e-2, "presliding": presliding}
+    fits = begin([H], [np.array([c.at(fitted[c.parameter]) for c in H.coordinates])], data, simulate)
+    differentiate(fits, data, simulate, True)
+    problem = SimpleNamespace(data=data, simulate=simulate)
+    assert not shows_limit(problem, fits[0], "friction", float(np.vdot(data, data).real))
+
+
+def test_a_fit_without_derivatives_is_not_asked():
     (fresh,) = begin([H], [np.zeros(3)], MOTION, simulate)
     assert shows_limit(SimpleNamespace(), fresh, "friction", 1.0)
 
