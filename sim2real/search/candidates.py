@@ -113,7 +113,8 @@ def contradictions(attribution: Attribution, named: Collection[str] = ()) -> lis
 
 
 def best_partial(attribution: Attribution, probable: int | None, unnamed: Candidate | None = None) -> Candidate:
-    """The best partial explanation: the most probable effects, or calibration where none explains more than it.
+    """The best partial explanation: the most probable effects, or of a pair the one that explains about as much alone;
+    calibration where none explains more than it.
 
     Args:
         attribution: The fitted candidates.
@@ -125,5 +126,8 @@ def best_partial(attribution: Attribution, probable: int | None, unnamed: Candid
         best = attribution.candidates[probable]
     else:
         best = min(attribution.candidates, key=lambda c: (bool(c.contradicted), c.predictive))
+    # An effect beside it that explains next to nothing is no part of it.
+    alone = [c for c in attribution.candidates if c.effects and {*c.effects} < {*best.effects}]
+    best = min((c for c in alone if c.predictive < best.predictive + ABOUT), key=lambda c: c.predictive, default=best)
     best = best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration
     return best if unnamed is None or unnamed.fit.excess > 0.5 * best.fit.excess else unnamed

@@ -119,6 +119,14 @@ def test_what_contradicts_the_rig_is_said_and_never_a_partial_explanation():
     assert best_partial(found, 2, formed) is formed and best_partial(found, 2, little) is late
 
 
+@pytest.mark.parametrize(("saved", "both"), [(20.0, False), (400.0, True)])
+def test_a_pair_is_the_partial_explanation_only_where_both_effects_explain_something(saved, both):
+    calibration, late = fitted((), [0.0], 1e5), fitted(("delay",), [1.0, 0.0], 5e4)
+    pair = fitted(("delay", "damping"), [1.0, 1.0, 0.0], 5e4 - saved)
+    found = Attribution(2e5, (calibration, late, pair), 100.0, SimpleNamespace(parts=[]))
+    assert best_partial(found, 2) is (pair if both else late)
+
+
 def test_beside_another_effect_a_stated_parameter_stays_within_what_the_rig_states():
     """Alone it may say that the tolerance is wrong; in a pair it ends where it begins to contradict it."""
     alone, beside = (Hypothesis(names, {"mass": 0.002}) for names in (("mass",), ("mass", "damping")))
