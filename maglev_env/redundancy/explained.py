@@ -56,8 +56,9 @@ def _with_their_peak(rows: Sequence[Row], rate: float) -> list[Cause]:
 
 
 def or_effect(row: Row) -> bool:
-    """Whether effects of the library can cause all that is off in a row; none reverses a sign or is so large."""
-    gain = not row.gain_off() or (bool(row.gain_effects) and row.gain > 0 and abs(row.size) < np.log(LARGEST))
+    """Whether effects can cause all that is off in a row; none reverses a sign that is told, or is so large."""
+    told = row.gain > 0 or not row.signed
+    gain = not row.gain_off() or (bool(row.gain_effects) and told and abs(row.size) < np.log(LARGEST))
     return gain and (not (row.delay_off() or row.shape_off) or bool(row.delay_effects))
 
 

@@ -20,6 +20,9 @@ STIFFNESS = 0.05  # what an error of the stiffness may do at these lines
 MOVES = 0.7  # m w^2 over the stiffness, from which a line tells of time without a rig
 LATE = 0.8  # of a sample: how a force acts between samples is assumed without a rig
 FILTERED = 6.0  # samples: the largest time constant of a filter in an unknown controller
+# rad at the middle of the lines: what is turned by more beside a reversed sign may as well be another dynamics, as of a
+# spring that nobody stated and that is stiffer than the magnets.
+TURNED = np.pi / 4
 SHAPE, DELAY = 0.15, 0.3  # relative misfit; of a sample
 HELD = 0.5  # of a sample: between a current that is held and one that is not
 RIGLESS = 0.3  # a controlled rotor of unknown controller: its stiffness varies with frequency and looks like mass
@@ -88,14 +91,18 @@ def moved(view: View) -> list[Row]:
     if found.misfit > SHAPE and len(inputs) == 1:
         lag, _ = low_pass(lines.parts["displacement"], inputs[0], lines.frequency, view.rate, lines.periodic,
                           found.misfit)  # fmt: skip
-    rows = [_row(view, found, i, p, e, lag) for i, (p, e) in enumerate(zip(powers, effects, strict=True))]
+    middle = float(np.median(lines.frequency))
+    rows = [_row(view, found, i, p, e, lag, middle) for i, (p, e) in enumerate(zip(powers, effects, strict=True))]
     if "force" in powers[0] and rows[0].gain < 0:  # where a mass dominates that is stated too large, a spring may
         free = _without_rig(view)
         return free if free and free[0].gain > 0 else rows
     return rows
 
 
-def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[str, ...], lag: float) -> Row:
+def _row(
+    view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[str, ...], lag: float, middle: float
+) -> Row:
+    """The comparison with one input; middle: of the frequencies at which it is made, Hz."""
     rig = view.rig
     names = ("mass", "probe_gain", *(("actuator_gain",) if "actuator gain" in powers else ()))
     known = float(np.hypot.reduce([rig.tolerance.get(n, KNOWN[n]) for n in names]))
@@ -109,7 +116,7 @@ def _row(view: View, found: Fit, i: int, powers: dict[str, int], effects: tuple[
         f"newton {source}", powers, float(found.gain[i]), float(found.gain_se[i]), WIDE * known + STIFFNESS,
         f"the {source} on {view.mass:g} kg", float(found.delay[i]), float(found.delay_se[i]),
         DELAY / rig.control_rate + slack, found.misfit, SHAPE, effects,
-        bent, lag,
+        bent, lag, signed=bool(found.gain[i] > 0 or 2 * np.pi * middle * abs(found.delay[i]) < TURNED),
     )  # fmt: skip
 
 

@@ -10,7 +10,8 @@ from maglev_env.loop.gains import LinearController
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.coverage import uncovered
-from maglev_env.redundancy.newton import _row, moved
+from maglev_env.redundancy.explained import or_effect
+from maglev_env.redundancy.newton import CURRENT_EFFECTS, _row, moved
 from maglev_env.redundancy.rows import Fit, Row
 from maglev_env.redundancy.view import View
 from maglev_env.rig.rig import Rig
@@ -104,9 +105,18 @@ def test_what_damps_makes_the_displacement_early_and_what_lags_late():
     found = Fit(np.ones(1), np.array([-2e-4]), np.full(1, 1e-3), np.full(1, 1e-6), 0.0, 0.0, np.full(1, 50.0))
     seen = View("run", rig.control_rate, {}, frozenset(), {}, (), frozenset(), None, (), rig, rig.mass)
     powers = {"displacement": 1, "current": -1, "mass": 1, "actuator gain": 1}
-    early = _row(seen, found, 0, powers, (), 0.0)
-    late = _row(seen, replace(found, delay=np.array([2e-4])), 0, powers, (), 0.0)
+    early = _row(seen, found, 0, powers, (), 0.0, 100.0)
+    late = _row(seen, replace(found, delay=np.array([2e-4])), 0, powers, (), 0.0, 100.0)
     assert "friction" in early.delay_effects and "sensor_lag" not in early.delay_effects
     assert "sensor_lag" in late.delay_effects and "delay" not in late.delay_effects
-    bent = _row(seen, replace(found, misfit=0.3), 0, powers, (), 0.0)
+    bent = _row(seen, replace(found, misfit=0.3), 0, powers, (), 0.0, 100.0)
     assert {"soft_stop", "support_resonance"} <= {*bent.delay_effects}
+
+
+@pytest.mark.parametrize(("late", "told"), [(0.0, True), (2e-3, True), (11e-3, False)])
+def test_a_sign_is_not_told_where_the_motion_is_turned_by_more_than_an_eighth(late, told):
+    """At 17 Hz. A cable that creeps, six times as stiff as the magnet, makes a ball lag by 67 degrees beside that."""
+    found = Fit(np.array([-1.09]), np.array([late]), np.full(1, 0.01), np.full(1, 1e-4), 0.1, 1.0, np.full(1, 40.0))
+    powers = {"displacement": 1, "current": -1, "mass": 1, "actuator gain": 1}
+    row = _row(levitated(0.0, 0, 0.05), found, 0, powers, CURRENT_EFFECTS, 0.0, 17.0)
+    assert row.off and row.signed == told and or_effect(row) != told
