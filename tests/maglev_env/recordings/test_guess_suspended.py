@@ -159,6 +159,21 @@ def test_what_repels_its_rotor_counts_as_the_controller_of_another_file_shows(tm
     assert "as the controller of loop.csv shows" in opened.channels["displacement"].reason
 
 
+@pytest.mark.parametrize("stated", [{}, {"adc": -1.1e-5}])
+def test_a_set_point_that_counts_towards_the_magnet_beside_a_distance_is_not_turned_with_it(tmp_path, stated):
+    """The sensor's counts rise with the distance. The loop of "fast.csv" does not follow and tells nothing."""
+    rng, t = np.random.default_rng(10), np.arange(16000) / 400.0
+    steps = np.repeat(rng.uniform(-1, 1, 80), t.size // 80)
+    for name, wanted in (("steps.csv", steps), ("fast.csv", np.sign(np.sin(2 * np.pi * 40 * t)))):
+        y = signal.lfilter([0.05], [1, -0.95], wanted) + 1e-3 * rng.normal(size=t.size)
+        table = np.column_stack([t, np.rint(723 - 91 * y), 1000 * wanted, 0.92 - 0.06 * y])  # more of it holds it lower
+        np.savetxt(tmp_path / name, table, fmt="%.4f", delimiter=",", header="t [s],adc,sp [um],i [A]", comments="")
+    guesses = [told(tmp_path, tmp_path / name, **stated) for name in ("fast.csv", "steps.csv")]
+    assert guesses[1].channels["displacement"].scale < 0 < guesses[1].channels["reference"].scale
+    assert [g.channels["reference"].scale for g in agreed(guesses)] == [1e-6, 1e-6]
+    assert "other direction" not in guesses[1].channels["reference"].ask
+
+
 def told(folder, path, **scales):
     """The guess of a file with stated scales."""
     columns = with_stated(guess_recording(path).columns, scales, {})
