@@ -80,5 +80,5 @@ def test_a_channel_states_its_coupling():
     for key, value in (("total", True), ("offset_tolerance", 0.01)):
         with pytest.raises(ValueError, match="its mean, which high_pass has taken away"):
             channel_table("current", {"from": "i", "high_pass": [3.5], key: value})
-    with pytest.raises(ValueError, match="high_pass = .*above 0"):
+    with pytest.raises(ValueError, match=r"high_pass = .*above 0"):
         channel_table("current", {"from": "i", "high_pass": [0.0]})
