@@ -151,7 +151,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     corner = None if drive.held else corner_of_log(record, channels)
     top = np.inf if drive.held else min(TOP * record.windows.sample_rate, WITHIN * (corner or np.inf))
     found, what = along_instruments(record, channels, top), "with the recorded reference, injection or force"
-    if found is None and not any(source.chained for source in stated):
+    if found is None and not any(source.filter or source.delay for source in stated):
         found = along_innovations(record, channels, top)
         what = f"with what its own past and the displacement's leave unexplained of the {drive.source}"
     errors = (*record.errors, *_untold(spec, drive, found is not None, by_voltage))
