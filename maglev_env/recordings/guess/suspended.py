@@ -13,7 +13,7 @@ from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.columns.stated_columns import SAME_DIRECTION
-from maglev_env.recordings.guess.evidence import LIKELY
+from maglev_env.recordings.guess.evidence import LIKELY, STATED
 from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
 from maglev_env.recordings.guess.words import is_distance
 from maglev_env.rig.rig import Rig
@@ -126,7 +126,8 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
             column = _answered(replace(column, offset=rig.gap), AT_THE_GAP, "0 is at the gap of the rig")
         return _asking(column, KNOWN_ZERO) if column.channel in ("displacement", "current") else column
 
-    return replace(guess, columns=tuple(told(c) for c in guess.columns))
+    rotor = replace(guess.rotor, value="suspended", confidence=STATED, reason="the rig has one magnet", ask="")
+    return replace(guess, columns=tuple(told(c) for c in guess.columns), rotor=rotor)
 
 
 def _answered(column: ColumnGuess, asked: str, why: str) -> ColumnGuess:
