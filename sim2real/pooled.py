@@ -268,12 +268,16 @@ def _pulled(joint: Sequence[Coefficient], resting: Sequence[Coefficient]) -> lis
 
 
 def _reaching(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> tuple[Coefficient, ...]:
-    """Coefficients whose intervals reach the contradicting ones of the mass at rest."""
-    reach, found = float(stats.norm.isf(0.025)), []
-    for c in moving:
-        other = next((r.value for r in resting if r.name == c.name), c.value)
-        found.append(c.with_error(float(np.hypot(c.se, (other - c.value) / reach))))
-    return tuple(found)
+    """Coefficients whose intervals reach the contradicting ones of the mass at rest.
+
+    What motion has wrong is not only in these two: as many standard errors may be in what rest does not tell.
+    """
+    reach, at_rest = float(stats.norm.isf(0.025)), {c.name: c.value for c in resting}
+    off = {c.name: abs(at_rest[c.name] - c.value) / reach for c in moving if c.name in at_rest}
+    most = max((off[c.name] / c.se for c in moving if c.name in off and c.identified), default=0.0)
+    return tuple(
+        c.with_error(float(np.hypot(c.se, off[c.name])) if c.name in off else c.se * max(most, 1.0)) for c in moving
+    )
 
 
 def _scatter(each: Sequence[Coefficient]) -> bool:
