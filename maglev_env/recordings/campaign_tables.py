@@ -17,7 +17,7 @@ _EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods
 
 _TOLERANCES = ("scale_tolerance", "offset_tolerance", "offset_drift", "delay_tolerance")
 _CORNERS = ("filter", "high_pass")
-_CHAIN = ("scale", "offset", *_CORNERS, "delay", "total", *_TOLERANCES)
+_CHAIN = ("scale", "offset", "polynomial", *_CORNERS, "delay", "total", *_TOLERANCES)
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class ChannelSource:
     """Source of a channel: SI value = scale * (sum of weights * columns) + offset, and what lies before the logging.
 
     Attributes:
+        polynomial: Coefficients, the constant first, of what is scaled in place of that sum: the calibration of a
+            sensor that is not linear. None: it is.
         filter: Corner frequencies of first-order low-passes outside the control loop, Hz; they are undone.
         high_pass: Corner frequencies of first-order high-passes, by which it is AC coupled, Hz; they are undone.
         delay: By which the channel was read late, s; it is undone.
@@ -47,6 +49,7 @@ class ChannelSource:
     delay_tolerance: float | None = None
     offset_drift: float | None = None
     high_pass: tuple[float, ...] = ()
+    polynomial: tuple[float, ...] | None = None
 
     @property
     def chained(self) -> bool:
@@ -125,6 +128,9 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     scale, offset = number_of(table, "scale", 1.0, where), number_of(table, "offset", 0.0, where)
     if scale == 0:
         raise ValueError(f"{where}: scale = 0 leaves nothing of the channel")
+    bent = _numbers(table["polynomial"], f"{where}: polynomial") if "polynomial" in table else None
+    if bent is not None and (len(bent) < 2 or not any(bent[1:])):
+        raise ValueError(f"{where}: polynomial = {list(bent)} is constant; give its coefficients, the constant first")
     corners = {key: _numbers(table[key], f"{where}: {key}") for key in _CORNERS if key in table}
     for key, own in corners.items():
         if any(corner <= 0 for corner in own):
@@ -142,7 +148,8 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     if "high_pass" in corners and (total or "offset_tolerance" in sigma):
         said = "total = true" if total else "offset_tolerance"
         raise ValueError(f"{where}: {said} speaks of its mean, which high_pass has taken away: leave out one of both")
-    return ChannelSource(tuple(columns), weights, scale, offset, delay=delay, total=total, **corners, **sigma)
+    return ChannelSource(tuple(columns), weights, scale, offset, delay=delay, total=total, polynomial=bent,
+                         **corners, **sigma)  # fmt: skip
 
 
 def table_of(value: Any, where: str) -> dict[str, Any]:

@@ -259,7 +259,10 @@ def _raw_columns(columns: Columns, spec: RecordingSpec) -> dict[str, np.ndarray]
 def _combine(raw: Mapping[str, np.ndarray], source: ChannelSource) -> np.ndarray:
     with np.errstate(over="ignore", invalid="ignore"):  # the result is checked
         weighted = [w * raw[column] for w, column in zip(source.weights, source.columns, strict=True)]
-        value = source.scale * (sum(weighted[1:], weighted[0]))
+        read = sum(weighted[1:], weighted[0])
+        value = source.scale * (
+            read if source.polynomial is None else np.polynomial.Polynomial(source.polynomial)(read)
+        )
         return value + source.offset if source.offset else value  # adding 0 would change the bits of -0.0
 
 

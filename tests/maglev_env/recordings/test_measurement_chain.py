@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_tables import channel_table
 from maglev_env.recordings.measurement_chain import corrected, coupled
+from maglev_env.recordings.recording import read_recording
 
 RATE = 1000.0
 
@@ -82,3 +84,23 @@ def test_a_channel_states_its_coupling():
             channel_table("current", {"from": "i", "high_pass": [3.5], key: value})
     with pytest.raises(ValueError, match=r"high_pass = .*above 0"):
         channel_table("current", {"from": "i", "high_pass": [0.0]})
+
+
+def test_a_channel_states_the_calibration_of_a_bent_sensor(tmp_path):
+    counts = np.linspace(400.0, 900.0, 501)
+    np.savez(tmp_path / "run.npz", adc=counts)
+    text = """schema = "maglev-campaign/1"
+[[recording]]
+file = "run.npz"
+sample_rate = 100.0
+excitation = { kind = "none" }
+[recording.channels]
+displacement = { from = "adc", polynomial = [5.5, 7e-3, 3e-6], scale = -1e-3, offset = 0.012 }
+"""
+    (tmp_path / "campaign.toml").write_text(text)
+    campaign = load_campaign(tmp_path)
+    read = read_recording(campaign, campaign.recordings[0])["displacement"].values
+    np.testing.assert_allclose(read, 0.012 - 1e-3 * (5.5 + 7e-3 * counts + 3e-6 * counts**2), rtol=1e-12)
+    for wrong in ([5.5], [5.5, 0.0]):
+        with pytest.raises(ValueError, match="constant"):
+            channel_table("displacement", {"from": "adc", "polynomial": wrong})
