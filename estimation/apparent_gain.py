@@ -124,16 +124,22 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
     for low, high in _of_lines(f):
         on = (f >= low) & (f < high)
         moved = x[on] / dynamic[on]
-        each = abs(moved) ** 2
-        power = np.sum(each)
-        if not power > 0:
+        if not np.any(moved):
             continue
-        centre = float(np.sum(each * f[on]) / power)
-        factor = complex(np.sum(np.conj(moved) * y[on]) / power)
+        factor = 1.0 + 0j
+        # A line beside a tone that nothing excites, such as that of a turning rotor, has far more noise than the others
+        # and power of its own. The others count alike, since few periods tell the noise of each line badly.
+        for _ in range(2):
+            variance = of_y[on] + abs(factor) ** 2 * of_x[on] - 2 * (np.conj(factor) * shared[on]).real
+            usual = np.median(variance)
+            weight = usual / np.maximum(variance, usual) if usual > 0 else np.ones(moved.size)
+            power = np.sum(weight * abs(moved) ** 2)
+            share = weight * np.conj(moved) / power  # of each line in the factor
+            factor = complex(np.sum(share * y[on]))
+        centre = float(np.sum(weight * abs(moved) ** 2 * f[on]) / power)
         # What is left is also of a gain that changes in the band.
-        left = np.sum(abs(y[on] - factor * moved) ** 2) / max(on.sum() - 1, 1)
-        variance = of_y[on] + abs(factor) ** 2 * of_x[on] - 2 * (np.conj(factor) * shared[on]).real
-        noise = float(max(np.mean(variance), left) / (2 * power)) / abs(factor) ** 2
+        left = abs(y[on] - factor * moved) ** 2 * moved.size / max(moved.size - 1, 1)
+        noise = float(max(np.sum(abs(share) ** 2 * v) for v in (variance, left)) / 2) / abs(factor) ** 2
         known = np.array([actuator.stiffness_se, 2j * np.pi * centre * damping_se])
         common = loose * known / np.mean(dynamic[on])
         size, phase = (np.sqrt(noise + np.sum(part**2)) for part in (common.real, common.imag))

@@ -54,6 +54,7 @@ class Pooled:
         contradictions: Sentences about what motion says against means and weight.
         gain: The actuator's gain over frequency; None where no current was measured.
         second_body: What one mass lacks; None where none was fitted.
+        moving: Whether motion is told; else all is by means and weight.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -65,6 +66,7 @@ class Pooled:
     contradictions: tuple[str, ...] = ()
     gain: ApparentGain | None = None
     second_body: SecondBody | None = None
+    moving: bool = True
 
 
 def pooled(
@@ -99,7 +101,7 @@ def pooled(
     whole, differ = along_both(rig, problem, fit, others)
     of_each, apart, contradictions = {}, {}, []
     if static is not None:
-        of_each[AT_REST] = resting = _at_rest(rig, static)
+        of_each[AT_REST] = resting = at_rest(rig, static)
         contradictions = _contradictions(whole, resting)
         if not contradictions:
             joined = fitted(used, fit, rest=True)
@@ -169,8 +171,12 @@ def without_stiffness(rig: Rig) -> str | None:
 
 def exact_mass(records: Sequence[Record | OpenRecord]) -> str | None:
     """A sentence where the scale of gain and stiffness rests on a mass of which no tolerance is stated, else None."""
-    rig = records[0].nominal
-    if "mass" in rig.tolerance or forced(records):
+    return None if forced(records) else exact_mass_in_words(records[0].nominal)
+
+
+def exact_mass_in_words(rig: Rig) -> str | None:
+    """The same where no force is recorded."""
+    if "mass" in rig.tolerance:
         return None
     return (
         f"no force is recorded and [tolerance] states none of the mass, so {rig.mass:.4g} kg count as exact: with 1 % "
@@ -192,7 +198,7 @@ def _over_frequency(
     effects = {name: values for name, values in point.effects.items() if name not in UNITS or name in told}
     source = "identified" if "negative_stiffness" in told else "nominal"
     if static is not None and static.stiffness is not None:
-        own = {c.name: c for c in _at_rest(rig, static)}
+        own = {c.name: c for c in at_rest(rig, static)}
         effects |= {name: {**effects.get(name, {}), "change": c.change * np.sign(c.nominal)} for name, c in own.items()}
         told, source = told | own, AT_REST
 
@@ -220,7 +226,7 @@ def _over_frequency(
     return apparent_gain(plain, at, of("actuator_gain")[0], known)
 
 
-def _at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
+def at_rest(rig: Rig, static: StaticEstimate) -> tuple[Coefficient, ...]:
     """What the means and the weight say."""
     names = ("actuator_gain", "negative_stiffness")
     sd = np.sqrt(np.diag(static.covariance))
@@ -262,12 +268,16 @@ def _pulled(joint: Sequence[Coefficient], resting: Sequence[Coefficient]) -> lis
 
 
 def _reaching(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> tuple[Coefficient, ...]:
-    """Coefficients whose intervals reach the contradicting ones of the mass at rest."""
-    reach, found = float(stats.norm.isf(0.025)), []
-    for c in moving:
-        other = next((r.value for r in resting if r.name == c.name), c.value)
-        found.append(c.with_error(float(np.hypot(c.se, (other - c.value) / reach))))
-    return tuple(found)
+    """Coefficients whose intervals reach the contradicting ones of the mass at rest.
+
+    What motion has wrong is not only in these two: as many standard errors may be in what rest does not tell.
+    """
+    reach, at_rest = float(stats.norm.isf(0.025)), {c.name: c.value for c in resting}
+    off = {c.name: abs(at_rest[c.name] - c.value) / reach for c in moving if c.name in at_rest}
+    most = max((off[c.name] / c.se for c in moving if c.name in off and c.identified), default=0.0)
+    return tuple(
+        c.with_error(float(np.hypot(c.se, off[c.name])) if c.name in off else c.se * max(most, 1.0)) for c in moving
+    )
 
 
 def _scatter(each: Sequence[Coefficient]) -> bool:

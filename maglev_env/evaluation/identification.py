@@ -46,7 +46,7 @@ class Identification(Presented):
         modal: Mass, stiffness and damping as one mode, if the mass was estimated.
         actuator: Gain of the magnets, if the current stands for the force.
         natural_frequency: Hz; None where no informative band holds it.
-        damping_ratio: Of the mode at that frequency.
+        damping_ratio: Of the mode at that frequency; None where its band does not tell the sign of the damping.
         distortion: Nonlinear distortion at detection lines.
         stability: Margins with intervals; None where the recording shows none.
         transient_periods: Leading periods that were dropped.
@@ -317,12 +317,18 @@ def _through_magnets(
 
 
 def _crossing(bands: tuple[Band, ...], mass: float) -> tuple[float | None, float | None]:
-    """Natural frequency and damping ratio of the informative band that holds its own resonance most centrally."""
+    """Natural frequency and damping ratio of the informative band that holds its own resonance most centrally.
+
+    The ratio is None where the band does not tell the sign of the damping.
+    """
     found = []
     for b in bands:
         if b.informative and b.stiffness > 0:
             natural = np.sqrt(b.stiffness / mass) / (2 * np.pi)
             if b.f_lo <= natural <= b.f_hi:
                 off_centre = abs(2 * natural - b.f_lo - b.f_hi) / (b.f_hi - b.f_lo)
-                found.append((off_centre, natural, b.damping / (2 * np.sqrt(b.stiffness * mass))))
-    return (float(min(found)[1]), float(min(found)[2])) if found else (None, None)
+                found.append((off_centre, natural, b.damping / (2 * np.sqrt(b.stiffness * mass)), b.damping_ci))
+    if not found:
+        return None, None
+    _, natural, ratio, (low, high) = min(found)
+    return float(natural), float(ratio) if low * high > 0 else None

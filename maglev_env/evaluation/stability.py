@@ -59,7 +59,9 @@ def stability_of(
         if rig.tolerance:
             why += f", within the rig's tolerance of {', '.join(sorted(rig.tolerance))}"
     else:
-        return None, "no injection at the current and no nominal controller: nothing can be said of the loop's margins"
+        known = rig is not None and rig.controlled and signals.gains is not None
+        lacks = "no excited force that is recorded, beside the nominal controller" if known else "no nominal controller"
+        return None, f"no injection at the current and {lacks}: nothing can be said of the loop's margins"
     variance = loop_variance(loop.frequency, s, variance)
     # The variance of a line is the mean over its neighbours of scatters over the periods.
     found = margins(loop.frequency, s, variance, freedom=2 * POOL * (loop.periods - 1))

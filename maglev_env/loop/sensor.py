@@ -6,6 +6,7 @@ import numpy as np
 
 from maglev_env.loop import actuator
 from maglev_env.loop.card import EffectCard, Parameter, decay, first_order, phase, relative
+from maglev_env.loop.converters import converter_range
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
 from maglev_env.loop.system import System, Values
@@ -130,7 +131,7 @@ def fill(x: LaneRows, values: Values, probe: bool) -> None:
     bits, gain = values.rig("adc_bits"), values.rig("probe_gain")
     true_gain = gain * (1 + values.effect("sensor_gain"))
     lsb = np.where(bits > 0, 2 * values.rig("voltage_range") / 2.0**bits, 1.0)
-    x[PROBE_COUNTS], x[COUNT_MAX], x[PER_COUNT] = true_gain / lsb, values.rig("voltage_range") / lsb, lsb / gain
+    x[PROBE_COUNTS], x[COUNT_MAX], x[PER_COUNT] = true_gain / lsb, converter_range(values) / lsb, lsb / gain
     if not probe:
         x[PROBE_COUNTS], x[COUNT_MAX], x[PER_COUNT] = true_gain / gain, np.inf, 1.0
     x[ROUNDS], x[NOISE] = (bits > 0) & probe, values.noise

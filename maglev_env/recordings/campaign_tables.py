@@ -16,7 +16,8 @@ _EXCITATION_KEYS = (*(f.name for f in fields(Excitation)), "harmonics", "periods
 
 
 _TOLERANCES = ("scale_tolerance", "offset_tolerance", "offset_drift", "delay_tolerance")
-_CHAIN = ("scale", "offset", "filter", "delay", "total", *_TOLERANCES)
+_CORNERS = ("filter", "high_pass")
+_CHAIN = ("scale", "offset", "polynomial", *_CORNERS, "delay", "total", *_TOLERANCES)
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,10 @@ class ChannelSource:
     """Source of a channel: SI value = scale * (sum of weights * columns) + offset, and what lies before the logging.
 
     Attributes:
+        polynomial: Coefficients, the constant first, of what is scaled in place of that sum: the calibration of a
+            sensor that is not linear. None: it is.
         filter: Corner frequencies of first-order low-passes outside the control loop, Hz; they are undone.
+        high_pass: Corner frequencies of first-order high-passes, by which it is AC coupled, Hz; they are undone.
         delay: By which the channel was read late, s; it is undone.
         total: Whether a current is the total one; else it is the deviation from the rig's bias.
         scale_tolerance: Relative standard uncertainty of the scale.
@@ -44,6 +48,13 @@ class ChannelSource:
     offset_tolerance: float | None = None
     delay_tolerance: float | None = None
     offset_drift: float | None = None
+    high_pass: tuple[float, ...] = ()
+    polynomial: tuple[float, ...] | None = None
+
+    @property
+    def chained(self) -> bool:
+        """Whether anything is undone: then its samples are not those that were taken."""
+        return bool(self.filter or self.high_pass or self.delay)
 
 
 def excitations_table(value: Any, rate: float, channels: Mapping) -> tuple[tuple[Excitation, ...], int | None]:
@@ -117,9 +128,13 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     scale, offset = number_of(table, "scale", 1.0, where), number_of(table, "offset", 0.0, where)
     if scale == 0:
         raise ValueError(f"{where}: scale = 0 leaves nothing of the channel")
-    corners = _numbers(table["filter"], f"{where}: filter") if "filter" in table else ()
-    if any(corner <= 0 for corner in corners):
-        raise ValueError(f"{where}: filter = {list(corners)}; give corner frequencies in Hz, above 0")
+    bent = _numbers(table["polynomial"], f"{where}: polynomial") if "polynomial" in table else None
+    if bent is not None and (len(bent) < 2 or not any(bent[1:])):
+        raise ValueError(f"{where}: polynomial = {list(bent)} is constant; give its coefficients, the constant first")
+    corners = {key: _numbers(table[key], f"{where}: {key}") for key in _CORNERS if key in table}
+    for key, own in corners.items():
+        if any(corner <= 0 for corner in own):
+            raise ValueError(f"{where}: {key} = {list(own)}; give corner frequencies in Hz, above 0")
     delay = number_of(table, "delay", 0.0, where)
     total = table.get("total", False)
     if type(total) is not bool or (total and name.partition("_")[0] not in EFFORTS):
@@ -130,7 +145,11 @@ def channel_table(name: str, value: Any) -> ChannelSource:
     for key, value in sigma.items():
         if value < 0:
             raise ValueError(f"{where}: {key} = {value:g} must not be negative; it is a standard uncertainty")
-    return ChannelSource(tuple(columns), weights, scale, offset, corners, delay, total, **sigma)
+    if "high_pass" in corners and (total or "offset_tolerance" in sigma):
+        said = "total = true" if total else "offset_tolerance"
+        raise ValueError(f"{where}: {said} speaks of its mean, which high_pass has taken away: leave out one of both")
+    return ChannelSource(tuple(columns), weights, scale, offset, delay=delay, total=total, polynomial=bent,
+                         **corners, **sigma)  # fmt: skip
 
 
 def table_of(value: Any, where: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
-from maglev_env.recordings.left_out import LeftOut, TellsNothing
+from maglev_env.recordings.left_out import LeftOut, NoneTells, TellsNothing
 
 Read = TypeVar("Read")
 
@@ -26,7 +26,7 @@ def each_recording(
         The campaign of those that were read, the others in its `left_out`; and what `read` gave, in order.
 
     Raises:
-        ValueError: None of them tells anything.
+        TellsNothing, NoneTells: None of them tells anything.
     """
     kept, found, left = [], [], []
     for spec in track(campaign.recordings):
@@ -44,7 +44,7 @@ def check_left(campaign: Campaign, left: Iterable[LeftOut], enough: bool) -> Non
     """Refuse a campaign of which too little is left.
 
     Raises:
-        ValueError: Not `enough` is left; the message has the reason of every recording that was left out.
+        TellsNothing, NoneTells: Not `enough` is left; the message has the reason of every recording that was left out.
     """
     if enough:
         return
@@ -55,4 +55,4 @@ def check_left(campaign: Campaign, left: Iterable[LeftOut], enough: bool) -> Non
     for one in left:
         alike.setdefault((one.reason, one.instead), []).append(one.recording)
     reasons = [str(LeftOut(", ".join(files), *why)) for why, files in alike.items()]
-    raise ValueError(f"{campaign.folder}: no recording to fit tells anything: {' | '.join(reasons)}")
+    raise NoneTells(f"{campaign.folder}: no recording to fit tells anything: {' | '.join(reasons)}")

@@ -18,6 +18,10 @@ class TellsNothing(ValueError):
         self.reason, self.instead = reason, instead
 
 
+class NoneTells(ValueError):
+    """Nothing can be identified from any recording of a campaign, each for its reason."""
+
+
 @dataclass(frozen=True)
 class LeftOut:
     """A recording that is not used.

@@ -1,4 +1,4 @@
-"""What lies between a physical quantity and its logged channel, outside the control loop: low-passes and a delay.
+"""What lies between a physical quantity and its logged channel, outside the control loop: filters and a delay.
 
 A sampled channel holds what the quantity does above half the rate, folded in. Where nothing is known of that, a
 low-pass is undone by its response at the frequency of a line. A current that lags behind a command held from sample to
@@ -44,6 +44,26 @@ def corrected(
     late = delay + float(np.angle(_undone(np.array([slow]), rate, filters, held))[0]) / (2 * np.pi * slow)
     slope = (values[-1] - values[0]) / max(n - 1, 1) * rate
     return np.asarray(scipy.fft.irfft(scipy.fft.rfft(whole) * gain, 2 * n))[:n] + line + late * slope
+
+
+def coupled(values: np.ndarray, rate: float, corners: Sequence[float]) -> np.ndarray:
+    """A channel (samples,) as it was before it was coupled by first-order high-passes, as of an oscilloscope or a
+    piezoelectric sensor.
+
+    What the zero of what follows the coupling hides is left out: mean and trend, and a parabola behind two high-passes.
+
+    Args:
+        values: (samples,).
+        rate: Hz.
+        corners: corner frequencies, Hz.
+    """
+    for corner in corners:  # x' = y' - w x, so y = x + w times the integral of x
+        whole = scipy.integrate.cumulative_trapezoid(values, dx=1 / rate, initial=0.0)
+        values = values + 2 * np.pi * corner * whole
+    if not corners:
+        return values
+    at = np.linspace(-1.0, 1.0, values.size)
+    return values - np.polynomial.Polynomial.fit(at, values, len(corners))(at)
 
 
 def _undone(frequency: np.ndarray, rate: float, filters: Sequence[float], held: float | None) -> np.ndarray:

@@ -25,7 +25,7 @@ from maglev_env.recordings.files import Columns
 from maglev_env.recordings.formats.time_stamps import Clock, check_clock
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import MOST_MASKED
-from maglev_env.recordings.measurement_chain import corrected
+from maglev_env.recordings.measurement_chain import corrected, coupled
 from maglev_env.recordings.missing_readings import garbled_stamps, without_missing
 from maglev_env.recordings.stamped_late import regular_stamps
 from maglev_env.rig.excitation import Excitation, Place, lines_at
@@ -103,7 +103,8 @@ def read_recording(
     for name, values in combined.items():
         source = spec.channels[name]
         held = _held(campaign, spec) if name.partition("_")[0] == "current" else None
-        channels[name] = corrected(clock.resampled(values), rate, source.filter, source.delay, held)
+        channels[name] = coupled(clock.resampled(values), rate, source.high_pass)
+        channels[name] = corrected(channels[name], rate, source.filter, source.delay, held)
         if source.total:
             channels[name] = channels[name] - _bias(campaign, path, name)
     stand_ins, stood_in = displacements(channels, rate)
@@ -232,7 +233,7 @@ def _ticks(
     found = {"tick_time": ("tick", clock.instants / spec.sample_rate)}
     for name, values in combined.items():
         source = spec.channels[name]
-        if not (source.filter or source.delay):
+        if not source.chained:
             bias = _bias(campaign, campaign.folder / spec.file, name) if source.total else 0.0
             found[f"tick_{name}"] = ("tick", values - bias)
     return found
@@ -258,7 +259,10 @@ def _raw_columns(columns: Columns, spec: RecordingSpec) -> dict[str, np.ndarray]
 def _combine(raw: Mapping[str, np.ndarray], source: ChannelSource) -> np.ndarray:
     with np.errstate(over="ignore", invalid="ignore"):  # the result is checked
         weighted = [w * raw[column] for w, column in zip(source.weights, source.columns, strict=True)]
-        value = source.scale * (sum(weighted[1:], weighted[0]))
+        read = sum(weighted[1:], weighted[0])
+        value = source.scale * (
+            read if source.polynomial is None else np.polynomial.Polynomial(source.polynomial)(read)
+        )
         return value + source.offset if source.offset else value  # adding 0 would change the bits of -0.0
 
 

@@ -172,7 +172,7 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
                 own.excitations, spec.stated_peaks,
                 spec.gains and of_axis(spec.gains, which),
                 tuple(dict.fromkeys(of_axis(c, which) for c in controllers)), rig, mass, own.hold_rate, own.left_out,
-                frozenset(k for k, v in recorded.items() if spec.channels[v].filter or spec.channels[v].delay),
+                frozenset(k for k, v in recorded.items() if spec.channels[v].chained),
                 own.masked, frozenset(k for k, v in recorded.items() if v in own.railed),
             )
         )  # fmt: skip

@@ -19,7 +19,7 @@ def unscaled(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     found = []
     for name, source in spec.channels.items():
         kind = "gap_estimate" if name.startswith("gap_estimate") else name.partition("_")[0]
-        if kind not in _CHECKED or abs(source.scale) != 1 or sum(source.weights) != 1:
+        if kind not in _CHECKED or abs(source.scale) != 1 or sum(source.weights) != 1 or source.polynomial:
             continue
         headers = campaign.files.columns(campaign.folder / spec.file, spec.layout).headers
         column, wanted = source.columns[0], unit_of(name)

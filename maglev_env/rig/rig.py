@@ -79,7 +79,7 @@ class Rig:
         actuator_gain: measured df/di, which calibrates the magnet's force law; None: by geometry.
         negative_stiffness: measured -df/dy (< 0), likewise.
         adc_bits: 0: an ideal converter.
-        dac_bits: likewise.
+        dac_bits: likewise; where both are ideal, neither has a range.
         axes: 1, or 2 for x and y.
         per_axis: parameters that differ in axis "x" or "y".
         cross: coupling of the two axes.

@@ -10,7 +10,7 @@ from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.rig.rig import Rig
 from sim2real.compared.drift import Drift
 from sim2real.compared.problem import KINDS, Problem
-from sim2real.compared.reached import motion_reached
+from sim2real.compared.reached import current_reached, motion_reached
 from sim2real.compared.simulated import Point
 from sim2real.judgement.commands_seen import SEEN
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
@@ -139,7 +139,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     """Predictive cost of each candidate with what its parameters contradict, and what has no name, as `Evidence.cost`,
     `Evidence.nameless` and `Evidence.refused`."""
     p, candidates = attribution.problem, attribution.candidates
-    rig, motion = p.parts[0].record.nominal, motion_reached(p)
+    rig, reached = p.parts[0].record.nominal, (motion_reached(p), current_reached(p))
     cost, nameless, refused = np.full(len(candidates), inf), inf, np.full(len(candidates), inf)
     for i, c in enumerate(candidates):
         if len(c.effects) == 1 or not c.contradicted:
@@ -147,7 +147,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
             own = c.predictive + scatter_cost(p, c.fit) + stiffness_cost(at, rig)
             own += c.fit.hypothesis.beyond_stated(c.fit.u)
             own += 0.0 if drift is None else _drift_cost(p, c.fit, drift)
-            if isinf(meaning := meaningless_cost(c.fit, rig, motion)) and len(c.effects) == 1:
+            if isinf(meaning := meaningless_cost(c.fit, rig, *reached)) and len(c.effects) == 1:
                 refused[i] = own
             own += meaning
             cost[i] = own + (idle := idle_cost(at, c.effects, rig))
@@ -209,12 +209,12 @@ def idle_cost(point: Point, names: Sequence[str], rig: Rig) -> float:
 def unnamed_pair(attribution: Attribution) -> Candidate | None:
     """The best pair that is not named because one of both changes nothing, see `idle_cost`; None without one."""
     p = attribution.problem
-    rig, motion = p.parts[0].record.nominal, motion_reached(p)
+    rig, reached = p.parts[0].record.nominal, (motion_reached(p), current_reached(p))
     found = [
         c for c in attribution.candidates
         if len(c.effects) > 1 and not c.contradicted and np.isfinite(c.fit.cost)
         and isinf(idle_cost(c.fit.hypothesis.point(c.fit.u), c.effects, rig))
-        and np.isfinite(meaningless_cost(c.fit, rig, motion))
+        and np.isfinite(meaningless_cost(c.fit, rig, *reached))
     ]  # fmt: skip
     return min(found, key=lambda c: c.predictive, default=None)
 

@@ -62,6 +62,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     singles = max(sum(len(names) == 1 for names in evidence.effects), 1)
     couples = max(singles * (singles - 1) // 2, 1)
     priors = {0: 1.0, 1: belief.prior_singles / singles, 2: belief.prior_pairs / couples}
+    priors[3] = priors[2] ** 2 / priors[1]  # a pair beside a tone
     rows: list[_Row] = [((NONE,), evidence.nominal, belief.prior_none, None)]
     for i in np.flatnonzero(alive):
         names = evidence.effects[i]
@@ -222,13 +223,15 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
 
 
 _Row = tuple[tuple[str, ...], float, float, int | None]
+KNOWN_TONES = ("pickup", "runout", "unbalance")  # of lines that are known beforehand
 
 
 def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float]) -> list[_Row]:
     """The hypotheses with and without tones as causes.
 
     Without them a hypothesis costs what the tones weigh. Calibration and single effects may have them explained; those
-    of an OPEN family without a known cause only the unknown one explains.
+    of an OPEN family without a known cause only the unknown one explains. A pair may stand beside a tone of the mains
+    or of the rotation, which has lines of its own: a rotor that turns is out of balance, whatever else is off.
     """
     found: dict[tuple[str, ...], _Row] = {}
 
@@ -245,7 +248,8 @@ def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float
         propose((names, cost + sum(tones.values()), prior, candidate))
         for added, off in _named(tones, evidence):
             both = _joined(base, added)
-            if candidate is not None and added and len(both) <= 2 and len(both) == len({*both}):
+            most = 3 if len(added) == 1 and added[0] in KNOWN_TONES else 2
+            if candidate is not None and added and len(both) <= most and len(both) == len({*both}):
                 propose((both, cost + off, prior * priors[len(both)] / priors[len(base)], candidate))
     return list(found.values())
 

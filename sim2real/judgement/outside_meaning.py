@@ -2,27 +2,35 @@
 
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
-resonance, a stop that touches wherever the rotor is, or a zero of the current that is off by all of the bias.
+resonance, a stop that touches wherever the rotor is, iron that saturates far above every field, or a zero of the
+current that is off by all of the bias.
 """
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
+from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import Rig
 from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import RESONANCES
 
 NO_RESONANCE = 0.3  # damping ratio; supports and mounts of metal, rubber or print have 0.2 at most
 STOP, FREE_PLAY = "soft_stop", 0.02  # share of the motion within which a stop must leave the rotor alone
+# Share of the field at which iron saturates that the fields in the gaps must reach. Below it a knee of any sharpness
+# bends nothing: what it does is that of a smaller force constant, which has a name of its own.
+KNEE, REACHED = "saturation", 0.1
 
 
-def meaningless_cost(fit: Fit, rig: Rig, motion: float) -> float:
+def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float:
     """Cost of parameters that contradict the meaning of their effect; inf where the effect is none there.
 
     Args:
         fit: A fitted hypothesis.
         rig: The nominal rig.
         motion: Largest displacement from the mean in any recording, m.
+        current: Largest control current in any recording, A.
     """
     point = fit.hypothesis.point(fit.u)
     ratios = [point.effects[name]["damping_ratio"] for name in fit.hypothesis.effects if name in RESONANCES]
@@ -33,7 +41,22 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float) -> float:
     own = zip(fit.hypothesis.coordinates, fit.u, strict=False)
     if any(EFFECTS[c.effect].parameters[c.parameter].within_bias and c.at_bound(float(u)) for c, u in own):
         return np.inf
+    if KNEE in fit.hypothesis.effects and _never_bends(rig, point.effects[KNEE], motion, current):
+        return np.inf
     return _driving_cost(fit, rig)
+
+
+def _never_bends(rig: Rig, knee: Mapping[str, float], motion: float, current: float) -> bool:
+    """Whether no field in the gaps of a pair comes near the one (T) at which the iron saturates, of an effect without a
+    knee in the currents."""
+    field, *currents = (knee.get(key, np.inf) for key in ("field", "current", "command"))
+    if not np.isfinite(field) or np.isfinite(currents).any():
+        return False
+    law = force_law(rig)
+    nearest = max(law.gap - motion, 0.0)
+    most = law.magnet_flux / (nearest + law.magnet_gap) if law.magnet_flux else 0.0
+    most += law.coil_flux * (law.bias_current + law.gain_scale * current) / max(nearest + law.coil_gap, 1e-300)
+    return bool(most < REACHED * field)
 
 
 def _driving_cost(fit: Fit, rig: Rig) -> float:

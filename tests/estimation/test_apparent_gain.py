@@ -60,6 +60,25 @@ def test_noise_of_the_lines_is_in_the_errors_where_the_rest_is_known():
         assert told[1] == pytest.approx(np.angle(gains).std(), rel=0.35) and told[1] > 0.9 * np.angle(gains).std()
 
 
+def test_a_tone_of_a_turning_rotor_does_not_look_like_another_gain():
+    """It moves the rotor and, through the controller, the current at its line and those beside it."""
+    expected, known = spectra(GAIN, noise=1.0), actuator_estimate(spectra(GAIN), MASS)
+    beside = np.zeros(F.size)
+    beside[39:42] = 0.05, 1.0, 0.05
+    force = 20 * np.abs(expected.mean[0]).mean() * beside
+    draws = draw(expected, 50, seed=8)
+    covariance = np.array([1.0, 3000.0 - 900.0j])[:, None] * np.array([1.0, 3000.0 + 900.0j])
+    spread = covariance[..., None] * force**2 / expected.periods
+    for i in range(50):
+        one = record(draws, i)
+        turned = np.exp(2j * np.pi * i / 50) * force * np.array([1.0, 3000.0 - 900.0j])[:, None]
+        toned = replace(one, mean=one.mean + turned, covariance=one.covariance + spread)
+        for b in periodic_gain(as_force(toned, "current", known.gain), MASS, known).bands:
+            (_, low, high), (_, early, late) = b.size, b.phase
+            assert 0.98 * low < GAIN < 1.02 * high and early - 0.5 < 0 < late + 0.5
+            assert b.size_se < 0.1 * GAIN
+
+
 def test_an_unsure_stiffness_is_in_the_errors():
     sure = actuator_estimate(spectra(GAIN), MASS)
     unsure = replace(sure, stiffness_se=0.02 * abs(K), damping_se=0.0, cost_ratio=4.0)

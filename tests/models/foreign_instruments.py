@@ -165,10 +165,10 @@ def tektronix_beside(path: Path, r: Record) -> Path:
 
 
 def rigol(path: Path, r: Record) -> Path:
-    """Rigol DS: numbered samples; where they begin and their step stand behind the names."""
+    """Rigol DS: numbered samples; where they begin and their step stand behind the names, and a further comma there."""
     text = "X,CH1,CH2,CH3,Start,Increment,\nSequence,VOLT,VOLT,VOLT,-4.000000e-01,5.000000e-05,\n"
     numbers = np.arange(r["time"].size)
-    (path / "rigol.csv").write_text(text + _rows([numbers, *_volts(r)], "%.9g", ",", ",,,\n"))
+    (path / "rigol.csv").write_text(text + _rows([numbers, *_volts(r)], "%.9g", ",", ",,\n"))
     return path / "rigol.csv"
 
 

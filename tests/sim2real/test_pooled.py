@@ -8,7 +8,7 @@ import pytest
 
 from maglev_env.rig.rig_file import load_rig
 from sim2real.coefficients import Coefficient
-from sim2real.pooled import _pulled, exact_mass
+from sim2real.pooled import _pulled, _reaching, exact_mass
 
 
 @pytest.mark.parametrize(
@@ -28,3 +28,19 @@ def test_motion_that_pulls_away_what_is_known_at_rest_contradicts_it():
     assert not _pulled(at(0.99, 0.005), at(0.93, 0.023))
     (said,) = _pulled(at(0.845, 0.03), at(0.93, 0.023))
     assert "0.930 +- 0.023 N/A" in said and "3.7 standard errors away, to 0.845" in said
+
+
+def test_what_contradicts_the_mass_at_rest_is_no_surer_of_what_rest_does_not_tell():
+    """Twelve standard errors off in one coefficient, as of an aliased current, may be as many in another one."""
+    moving = [
+        Coefficient("actuator_gain", "N/A", 6.16, 0.09, 5.5, True),
+        Coefficient("negative_stiffness", "N/m", -1130.0, 10.0, -1000.0, True),
+        Coefficient("damping", "N s/m", -0.7, 0.14, 0.0, True, most=2.0),
+    ]
+    resting = [replace(moving[0], value=5.53, se=0.02), replace(moving[1], value=-1012.0, se=5.0)]
+    gain, stiffness, damping = _reaching(moving, resting)
+    for c, other in ((gain, 5.53), (stiffness, -1012.0)):
+        assert min(abs(end - other) for end in c.interval) < 0.05 * abs(c.value - other)
+    assert damping.se == pytest.approx(0.14 * 118 / 10 / 1.96, rel=1e-3) and damping.bounded
+    assert not _reaching([*moving[:2], replace(moving[2], most=0.5)], resting)[2].bounded
+    assert _reaching([moving[2]], resting)[0] == moving[2]

@@ -223,6 +223,8 @@ def _names(
             cells = cells_of(text.rpartition(":")[2], " ") if least > 1 else []
         if len(cells) == least + 1 and cells[-1].lower() == "comment":  # LabVIEW's last column, empty in every row
             cells = cells[:-1]
+        while len(cells) > width and not cells[-1]:  # a separator at the end of the line of names alone
+            cells = cells[:-1]
         # Behind the columns an oscilloscope may state where they begin and their steps.
         fits = least <= len(cells) <= width and not any(is_number(c, decimal) for c in cells[:least]) and any(cells)
         return cells if fits else None

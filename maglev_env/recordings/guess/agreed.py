@@ -54,12 +54,16 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
         if _agree(guess, model):
             found.append(None)
             continue
-        reason = f"as in {model.file}, which has the same columns"
-        found.append(tuple(
-            replace(c, column=own.column, reason=c.reason if c.channel == own.channel else f"{reason}: {c.reason}")
-            for c, own in zip(model.columns, guess.columns, strict=True)
-        ))  # fmt: skip
+        both = zip(model.columns, guess.columns, strict=True)
+        found.append(tuple(own if own.channel == c.channel == "time" else _as_in(model, c, own) for c, own in both))
     return found
+
+
+def _as_in(model: RecordingGuess, column: ColumnGuess, own: ColumnGuess) -> ColumnGuess:
+    """The column of a file as the one of the model with the same name."""
+    same = column.channel == own.channel
+    reason = column.reason if same else f"as in {model.file}, which has the same columns: {column.reason}"
+    return replace(column, column=own.column, reason=reason)
 
 
 def _agree(one: RecordingGuess, other: RecordingGuess) -> bool:

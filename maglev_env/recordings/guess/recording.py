@@ -144,7 +144,7 @@ def guess_recording(
         excitations=tuple(tables),
         controller=controller,
         gains=gains,
-        rotor=_rotor(by_channel),
+        rotor=_rotor(by_channel, any(c.less for c in columns)),
         notes=(*file.notes, *found.unused),
         part=part,
         form=form,
@@ -190,8 +190,11 @@ def in_another_unit(guess: RecordingGuess, factor: float) -> RecordingGuess:
     return replace(guess, gains=gains, controller=replace(guess.controller, value=gains, ask=asked_of(gains)))
 
 
-def _rotor(channels: Mapping[str, np.ndarray]) -> Guess:
+def _rotor(channels: Mapping[str, np.ndarray], opposed: bool) -> Guess:
+    """Whether the currents of its channels (samples,), or what opposed coils are there, show a rotor that hangs."""
     ask = "whether the rotor hangs below a magnet or is supported"
+    if opposed:  # the mean of their difference may carry the weight, but the bias is not in it
+        return Guess("rotor", "supported", "the currents of two opposed coils: a pair of magnets", LIKELY, "")
     for name, unit in (("current", "A"), ("command", "A"), ("current_x", "A"), ("command_x", "A"), ("voltage", "V")):
         if name in channels:
             values = channels[name]

@@ -12,7 +12,8 @@ from maglev_env.recordings.contents import contents
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
-from maglev_env.recordings.guess.evidence import LIKELY
+from maglev_env.recordings.guess.columns.stated_columns import SAME_DIRECTION
+from maglev_env.recordings.guess.evidence import LIKELY, STATED
 from maglev_env.recordings.guess.recording import RecordingGuess, other_way_round
 from maglev_env.recordings.guess.words import is_distance
 from maglev_env.rig.rig import Rig
@@ -23,10 +24,12 @@ if TYPE_CHECKING:
 _FOLLOWS = 0.5  # least correlation of current and displacement that shows a direction
 _MEANS, _LEAST = (4, 16, 64), 40  # samples that are averaged before they are compared, and means that show anything
 _POSITIONS = ("displacement", "reference", "gap_estimate")
+_SLOW = 0.5  # share of a set point's size that its means over the most samples hold, from which a loop follows it
 TOTAL = "total = true, once the rig is named: this current includes the one that carries the weight"
 DIRECTION = "scale < 0, if it is a distance that grows away from the magnet (nothing here shows it)"
 BUT_STATED = "scale < 0, if it is a distance that grows away from the magnet, as it seems"
 KNOWN_ZERO = "offset_tolerance, how surely its zero is known: then means at rest and the weight tell the magnet's force"
+OTHER_WAY = "it rises where the displacement falls"
 CENTRE = "offset, so that displacement is 0 at the centre between the stops"
 _APART = 2.0  # ranges of a motion by which its mean is away from 0
 AT_THE_GAP = "offset = the gap in rig.toml (m), so that displacement is 0 there and positive towards the magnet"
@@ -59,12 +62,20 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     why = "" if turned else _why(effort, follows, known, distance)
     asked = follows > -_FOLLOWS and not (why or turned or known or moved.stated)
 
+    flips = bool(why) and not moved.stated
+    positions = {n: dataset[n].values for n in _POSITIONS if n in dataset}
+    other_way = {n for n, read in positions.items() if _other_way(read, positions["displacement"])}
+
     def faced(column: ColumnGuess) -> ColumnGuess:
         if column.channel in EFFORTS:
             return _asking(column, TOTAL) if bears else column
         if column.channel not in _POSITIONS:
             return column
-        if why and not moved.stated and not column.stated:
+        if column.channel in other_way and not column.stated:
+            left = "; ".join(part for part in column.ask.split("; ") if part != SAME_DIRECTION)
+            shown = replace(column, reason=f"{column.reason}; {'' if flips else 'but '}{OTHER_WAY}", ask=left)
+            return shown if flips else with_scale(shown, -column.scale)
+        if flips and not column.stated:
             return _reversed(column, why)
         if why and column.scale > 0:
             return _asking(column, f"{BUT_STATED} ({why})")
@@ -73,7 +84,7 @@ def facing_the_magnet(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
         return _asking(column, DIRECTION) if asked and column is moved else column
 
     faced_all = replace(guess, columns=tuple(faced(c) for c in guess.columns))
-    return other_way_round(faced_all) if why and not moved.stated else faced_all
+    return other_way_round(faced_all) if flips else faced_all
 
 
 def _why(effort: str, follows: float, known: Mapping[str, Any] | None, distance: bool) -> str:
@@ -115,7 +126,8 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
             column = _answered(replace(column, offset=rig.gap), AT_THE_GAP, "0 is at the gap of the rig")
         return _asking(column, KNOWN_ZERO) if column.channel in ("displacement", "current") else column
 
-    return replace(guess, columns=tuple(told(c) for c in guess.columns))
+    rotor = replace(guess.rotor, value="suspended", confidence=STATED, reason="the rig has one magnet", ask="")
+    return replace(guess, columns=tuple(told(c) for c in guess.columns), rotor=rotor)
 
 
 def _answered(column: ColumnGuess, asked: str, why: str) -> ColumnGuess:
@@ -134,15 +146,16 @@ def around_the_centre(guess: RecordingGuess, dataset: "xr.Dataset") -> Recording
     apart = {
         str(name)
         for name, values in dataset.data_vars.items()
-        if str(name).startswith("displacement") and abs(values.values.mean()) > _APART * np.ptp(values.values)
+        if str(name).partition("_")[0] in ("displacement", "reference")
+        and abs(values.values.mean()) > _APART * np.ptp(values.values)
     }
     return replace(guess, columns=tuple(_asking(c, CENTRE) if _open(c, apart) else c for c in guess.columns))
 
 
 def _open(column: ColumnGuess, apart: set[str]) -> bool:
-    """Whether a position is one of those, or counts from the same place, and no offset is asked for yet."""
-    of = column.channel.replace("reference", "displacement")
-    return of in apart and AT_THE_GAP not in column.ask and not column.offset
+    """Whether a position is one of those, beside a displacement that is, and no offset is asked for yet."""
+    both = {column.channel, column.channel.replace("reference", "displacement")} <= apart
+    return both and AT_THE_GAP not in column.ask and not column.offset
 
 
 def _follows(positions: np.ndarray, effort: np.ndarray) -> float:
@@ -154,6 +167,15 @@ def _follows(positions: np.ndarray, effort: np.ndarray) -> float:
             means = [v[: count * samples].reshape(count, samples).mean(axis=1) for v in (positions, effort)]
             found.append(correlation(*means))
     return max(found, key=abs)
+
+
+def _other_way(wanted: np.ndarray, positions: np.ndarray) -> bool:
+    """Whether a set point (samples,) counts against the positions; of a faster one than the loop nothing is told."""
+    count = positions.size // _MEANS[-1]
+    if count < _LEAST:
+        return False
+    slow, reached = (v[: count * _MEANS[-1]].reshape(count, -1).mean(axis=1) for v in (wanted, positions))
+    return bool(slow.std() > _SLOW * wanted.std() > 0 and correlation(slow, reached) < -_FOLLOWS)
 
 
 def asked_for_the_centre(column: ColumnGuess) -> ColumnGuess:

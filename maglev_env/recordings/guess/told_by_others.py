@@ -6,7 +6,7 @@ from math import copysign
 
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
 from maglev_env.recordings.guess.columns.scaling import NO_UNIT
-from maglev_env.recordings.guess.suspended import AT_THE_GAP, BUT_STATED, DIRECTION
+from maglev_env.recordings.guess.suspended import AT_THE_GAP, BUT_STATED, DIRECTION, OTHER_WAY
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Told:
     Attributes:
         larger, size: The file that tells the size.
         turned, asks: The file that shows a distance from the magnet, and what it asks; "" where none does.
-        faced: A file whose known controller shows that it is no such distance; "" where none does.
+        faced: What shows that it is no such distance, a file or its controller; "" where none does.
     """
 
     larger: str
@@ -31,12 +31,15 @@ def told_by(same: Sequence[tuple[str, ColumnGuess]], known_loops: Collection[str
 
     Args:
         same: Name of each file that has it, and its guess there.
-        known_loops: Files whose controller is known: their directions count before those of others.
+        known_loops: Files whose controller is known: their directions count before those of others. Those of files in
+            which a set point counts against the displacement count first.
     """
     file, least = min(same, key=lambda one: abs(one[1].scale))
-    sure = [(name, c) for name, c in same if name in known_loops]
+    beside = [(name, c) for name, c in same if OTHER_WAY in c.reason]
+    sure = beside or [(name, c) for name, c in same if name in known_loops]
     turned, asks = next(((name, c.ask) for name, c in sure or same if c.scale < 0), ("", ""))
-    return Told(file, abs(least.scale), turned, asks, sure[0][0] if sure and not turned else "")
+    shows = "" if turned or not sure else sure[0][0] if beside else f"the controller of {sure[0][0]}"
+    return Told(file, abs(least.scale), turned, asks, shows)
 
 
 def as_told(column: ColumnGuess, told: Told) -> ColumnGuess:
@@ -53,6 +56,6 @@ def as_told(column: ColumnGuess, told: Told) -> ColumnGuess:
         column = replace(column, ask="; ".join(p for p in column.ask.split("; ") if not p.startswith(BUT_STATED)))
     if told.faced and column.scale < 0 and not column.stated:
         asked = "; ".join(part for part in column.ask.split("; ") if part != AT_THE_GAP)
-        reason = f"{column.reason}; but it counts as the controller of {told.faced} shows"
+        reason = f"{column.reason}; but it counts as {told.faced} shows"
         column = replace(with_scale(column, -column.scale), reason=reason, ask=asked)
     return column

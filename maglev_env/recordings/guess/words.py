@@ -15,7 +15,7 @@ _WORDS = {
     "force": "force kraft fuerza forza loadcell shaker kraftsensor kraftmessdose",
     "velocity": "velocity vel geschwindigkeit velocidad vitesse ydot xdot zdot derivative ableitung",
     "speed": "rpm omega drehzahl speed revs rotation giro",
-    "acceleration": "acceleration accel acc beschleunigung aceleracion",
+    "acceleration": "acceleration accel acc beschleunigung beschl aceleracion accelerazione accelerometer",
     "error": "error err fehler regelabweichung abweichung deviation",
     "count": "index idx sample samples nr number count zaehler muestra",
     "temperature": "temp temperature temperatur temperatura",
@@ -46,6 +46,15 @@ _IN = {
     "error": ("m", "V"),
     "count": ("",),
 }
+# What a unit alone says.
+_BY_UNIT = {
+    "m": "displacement",
+    "N": "force",
+    "s": "time",
+    "rad/s": "speed",
+    "m/s": "velocity",
+    "m/s2": "acceleration",
+}
 # What any quantity may be read by, so that it tells one only where no other word does: "i_probe" is a current clamp.
 # So is "dist", which may stand for a disturbance.
 _INSTRUMENTS = {
@@ -64,8 +73,8 @@ _INJECTED = (
 )
 # Words too short to be looked for inside longer ones, where what stands behind them is a quantity: "setcurrent".
 _SHORT = re.compile("^(ref|set|des|cmd|act|meas|ist)(?=[a-z]{3})")
-# A letter with a word or an axis: "iref", "iy".
-_GLUED = re.compile("^([iyxzhuf])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")
+# A letter with a word or an axis: "iref", "iy"; v and w are axes of bearings, too.
+_GLUED = re.compile("^([iyxzhufvw])(ref|soll|cmd|set|des|obs|hat|est|meas|mess|ist|act|inj)$|^([iuf])([xyz])$")
 _AXES = ("x", "y", "z")
 _PLACEHOLDER = re.compile(r"(c|col|column|columna|spalte|kanal|channel|ch|var|unnamed:?|data|values?)?[_ ]?\d*")
 COUNTS = "count counts cts ticks raw digits bits lsb"  # of a converter: a unit, where other words stand beside
@@ -145,6 +154,8 @@ def meaning(name: str, si: str = "") -> Meaning:
         injected = injected or "test"
     if quantity == "current":  # the current that a controller puts out is the one that it asks for
         wanted = wanted or _one_of(words, _WORDS["output"], True)
+    if quantity == "velocity" and word == "v" and wanted and not si:
+        quantity, word = "", ""  # no bearing is asked for a velocity
     if injected and quantity == "displacement" and word in (*_AXES, injected):
         quantity, word = "", ""  # of "inj_x" the letter is the axis alone
     # Beside other words, as in "ref x" or "probe x", the letter is quantity and axis in one.
@@ -160,7 +171,7 @@ def meaning(name: str, si: str = "") -> Meaning:
         elif quantity or not wanted:
             quantity, wanted, estimated = "voltage", "", ""
     if not quantity and not injected and si:
-        quantity = {"m": "displacement", "N": "force", "s": "time", "rad/s": "speed", "m/s": "velocity"}.get(si, "")
+        quantity = _BY_UNIT.get(si, "")
         word, sure = f"[{si}]", 0.6 if not wanted else 0.85
     said = word or wanted or injected
     if not said:

@@ -8,6 +8,7 @@ from typing import Literal
 from maglev_env.evaluation.identification import Identification
 from maglev_env.recordings.alarms.alarm import Alarm
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.left_out import TellsNothing
 
 Verdict = Literal["yes", "with care", "no"]
 # What to record where a command cannot use a recording.
@@ -60,7 +61,9 @@ def uses(campaign: Campaign, spec: RecordingSpec, alarms: Sequence[Alarm] = (), 
         found = _identified(alone)
     except ValueError as error:
         failed = "no", _plain(error, campaign, spec)
-        rules |= dict.fromkeys(("estimate", "margins"), lambda: failed)
+        at_rest = isinstance(error, TellsNothing) and _rests(alone, failed[1])
+        still = "with care", f"by means and weight alone, where it rests: {failed[1]}"
+        rules |= {"estimate": lambda: still if at_rest else failed, "margins": lambda: failed}
     else:
         rules |= {"estimate": lambda: _estimate(found, campaign.mass is None), "margins": lambda: _margins(found)}
     return tuple(_asked(name, rules[name], campaign, spec, alarms) for name in COMMANDS)
@@ -100,6 +103,13 @@ def _identified(alone: Campaign) -> list[Identification]:
         return []
     found = identify_campaign(alone, alone.mass, alone.mass is None, None, None, lambda specs: specs, fitted=False)
     return [one for _, one in found.axes]
+
+
+def _rests(alone: Campaign, why: str) -> bool:
+    """Whether `maglev estimate` would use the means of a recording whose motion tells nothing."""
+    from sim2real.rest_alone import rest_alone
+
+    return alone.rig is not None and rest_alone(alone, why) is not None
 
 
 def _estimate(found: Sequence[Identification], unweighed: bool) -> tuple[Verdict, str]:

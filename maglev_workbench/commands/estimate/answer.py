@@ -155,8 +155,10 @@ def _of_all(found: Pooled) -> str:
         text = f"At rest, by {AT_REST}: {', '.join(rest)} (95 %); in motion, all recordings together: "
         text += "" if parts else "no coefficient is bounded"
     else:
-        text = "The rig in all recordings: " if parts else "The recordings bound no coefficient"
+        of_all = "The rig in all recordings: " if found.moving else f"At rest, by {AT_REST}: "
+        text = of_all if parts else "The recordings bound no coefficient"
     text += f"{', '.join(parts)} (95 %)" if parts else ""
+    text += "" if found.moving else "; of its motion nothing is told"
     for why, those in (
         ("not bounded", [c for c in found.coefficients if not c.bounded]),
         (AT_BOUND, [c for c in found.coefficients if c.bounded and c.at_limit]),

@@ -9,7 +9,7 @@ from maglev_env.evaluation.known_mass import planar_within_tolerance_of_mass, wi
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.each_recording import each_recording
-from maglev_env.recordings.left_out import LeftOut
+from maglev_env.recordings.left_out import LeftOut, NoneTells, TellsNothing
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
@@ -18,6 +18,7 @@ from sim2real.compared.standing import standing
 from sim2real.pooled import Pooled, pooled
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
+from sim2real.rest_alone import rest_alone
 
 Track = Callable[[Iterable[RecordingSpec]], Iterable[RecordingSpec]]
 
@@ -158,7 +159,12 @@ def _alone(why: Mapping[str, str]) -> tuple[str, ...]:
 
 def _pooled(campaign: Campaign) -> tuple[Campaign, Pooled]:
     """The campaign of what was used, and the rig in all recordings to fit; holdouts are for the diagnosis."""
-    read, every = read_records(campaign)
+    try:
+        read, every = read_records(campaign)
+    except (TellsNothing, NoneTells) as nothing:
+        if (found := rest_alone(campaign, str(nothing).removeprefix(f"{campaign.folder}: "))) is None:
+            raise
+        return campaign, found
     told, records = standing(read, every)
     held_out = tuple(r.name for r in records if r.role == "holdout")
     fitted = [r for r in records if r.role == "fit"]

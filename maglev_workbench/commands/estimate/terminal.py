@@ -33,7 +33,8 @@ def say(found: Identification, fitted: bool = False) -> None:
         console.print(gain_table(found.gain))
         console.print(text)
     if found.natural_frequency is not None:
-        console.print(f"natural frequency {found.natural_frequency:.2f} Hz, damping ratio {found.damping_ratio:.4f}")
+        damped = "" if found.damping_ratio is None else f", damping ratio {found.damping_ratio:.4f}"
+        console.print(f"natural frequency {found.natural_frequency:.2f} Hz{damped}")
     d = found.distortion
     for name, level, p in (("even", d.even, d.even_p), ("odd", d.odd, d.odd_p)):
         if level is not None:

@@ -53,6 +53,7 @@ def new(
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.agreed import agreed, like_most, one_clock, one_rotor, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
+    from maglev_env.recordings.guess.of_the_rig import perhaps_of_the_rig
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.suspended import below_the_magnet
     from maglev_env.recordings.guess.verified import verified
@@ -147,7 +148,7 @@ def new(
     guesses = agreed([verified(guess, folder) for guess in named])
     if stated.rig is not None:
         known_rig = load_rig(stated.rig if stated.rig in PRESETS else folder / stated.rig)
-        guesses = [below_the_magnet(guess, known_rig, folder) for guess in guesses]
+        guesses = [below_the_magnet(perhaps_of_the_rig(g, known_rig), known_rig, folder) for g in guesses]
 
     known = next((g for g in guesses if g.gains or g.form), None)
     if stated.rig is None and (untouched is not None or not own.exists()):

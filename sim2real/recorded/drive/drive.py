@@ -187,8 +187,6 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
     stands = spec.gains is not None or rig.support_stiffness > 0 if rig.controlled else force_held
     if known and every == 1 and stands:
         gains = spec.gains if spec.gains is not None else NO_CONTROLLER
-        if not rig.adc_bits and not rig.dac_bits:  # ideal converters have no range either
-            rig = replace(rig, voltage_range=UNLIMITED)
         e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
         if reads_current(gains, 1 / rig.control_rate) and "current" not in channels:
             raise ValueError(

@@ -13,6 +13,7 @@ from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import margins
 from maglev_env.design.protocols import diagnosis_campaign, sphs_campaign
+from maglev_env.evaluation import identification
 from maglev_env.evaluation.identification import identify
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
@@ -60,6 +61,14 @@ def test_constant_stiffness_and_damping_come_back_inside_their_intervals(pedesta
     assert found.natural_frequency == pytest.approx(np.sqrt(134.5e3 / 0.79) / (2 * np.pi), abs=0.01)
     assert found.damping_ratio == pytest.approx(8 / (2 * np.sqrt(134.5e3 * 0.79)), rel=0.01)
     assert found.stability is None and any("margins" in n for n in found.notes)
+
+
+def test_a_damping_of_unknown_sign_is_no_damping_ratio(pedestal):
+    rig, signals = pedestal
+    bands = identify(signals, rig, rig.mass).bands
+    blurred = tuple(replace(b, damping_ci=(-1.0, 20.0)) for b in bands)
+    assert identification._crossing(bands, rig.mass)[1] > 0
+    assert identification._crossing(blurred, rig.mass) == (identification._crossing(bands, rig.mass)[0], None)
 
 
 def test_without_the_hold_correction_the_damping_is_k_t_over_two_too_large(pedestal):

@@ -183,6 +183,17 @@ def test_reading_noise_is_white_gaussian_and_independent_between_channels():
     assert abs(spectrum.mean() - 1) < 0.05 and abs(spectrum.std() - 1) < 0.05
 
 
+def test_ideal_converters_have_no_range():
+    """A rig whose bits are 0 is not held to a voltage_range that nobody stated: a ball moves by more than 1.25 mm."""
+    quiet = without_noise(quick())
+    narrow, wide = (
+        simulate_records([replace(quiet, rig=replace(quiet.rig, adc_bits=0, dac_bits=0, **range_))])[0]
+        for range_ in ({"voltage_range": 0.1, "probe_gain": 1e6}, {"voltage_range": 1e4, "probe_gain": 1e6})
+    )
+    assert np.abs(wide[MEASURED.index("displacement")]).max() > 0.1 / 1e6
+    np.testing.assert_array_equal(narrow, wide)
+
+
 def test_an_unstable_loop_touches_down_when_the_slow_simulator_does():
     # Well before the poles, where the law is singular and no integrator gets through.
     rig = replace(load_rig("hmb_free"), clearance=0.3e-3)

@@ -14,6 +14,7 @@ from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate, stated_step, time_scale
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.units import header_unit
+from maglev_env.recordings.guess.verified import verified
 from maglev_env.recordings.guess.words import meaning
 
 RATE = 1000.0
@@ -39,6 +40,10 @@ SLOW = lfilter([0.02], [1, -0.98], RNG.standard_normal(N))  # a displacement of 
         ("setpoint_m", "setpoint", "m", 1.0),
         ("Weg_m", "Weg", "m", 1.0),
         ("time_s", "time", "s", 1.0),
+        ("Beschl [m/s²]", "Beschl", "m/s2", 1.0),
+        ("a / m/s^2", "a", "m/s2", 1.0),
+        ("acc (mg)", "acc", "m/s2", 9.80665e-3),
+        ("v in mm/s", "v", "m/s", 1e-3),
     ],
 )
 def test_units_stand_in_headers_in_many_ways(header, name, si, scale):
@@ -117,6 +122,12 @@ def test_names_of_several_languages_and_laboratories(channel, name):
         ("inj_x [A]", "injection", "x"),
         ("exc_y [N]", "force", "y"),
         ("probe_x", "displacement", "x"),
+        ("Vref_um", "reference", ""),
+        ("Wref [mm]", "reference", ""),
+        ("Vsoll", "reference", ""),
+        ("V_um", "displacement", ""),
+        ("Beschl [m/s²]", "acceleration", ""),
+        ("ch3 [g]", "acceleration", ""),
     ],
 )
 def test_instruments_disturbances_and_axes(header, channel, axis):
@@ -555,3 +566,18 @@ def test_which_of_two_opposed_coils_is_the_upper_one_is_asked_where_no_command_t
     found = columns(t=T, x_um=20 * SLOW, i_1=1.5 + sine, i_2=1.5 - sine).values()
     (current,) = (c for c in found if c.channel == "current")
     assert current.less and "pulls towards positive" in current.ask
+
+
+def test_a_pair_whose_currents_carry_a_weight_is_no_single_magnet(tmp_path):
+    """The mean of half the difference carries it, and may be of one sign; the bias of the coils is not in it."""
+    control = 0.3 + 0.02 * np.sin(2 * np.pi * 7 * T)
+    table = np.column_stack([T, 20 * SLOW, 1.5 + control, 1.5 - control])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t [s],x [um],i_up [A],i_low [A]", comments="")
+    found = guess_recording(tmp_path / "run.csv")
+    assert found.channels["current"].less and found.rotor.value == "supported"
+    assert "total" not in verified(found, tmp_path).channels["current"].ask
+
+
+def test_an_acceleration_that_no_name_tells_is_no_command():
+    found = columns(**{"t": T, "gap [mm]": 8 + SLOW, "ch2 [m/s²]": RNG.standard_normal(N), "i [A]": 1.5 - SLOW})
+    assert found["ch2 [m/s²]"].channel == "acceleration" and "command" not in {c.channel for c in found.values()}

@@ -180,3 +180,20 @@ def test_clocks_that_jitter_about_nearly_the_same_rate_have_one(tmp_path):
     found = one_clock([*wandering, other, steady])
     assert len({c.value for c in found[:3]}) == 1 and "jitters" in found[2].reason
     assert [c.value for c in found[3:]] == [other.rate.value, steady.rate.value]
+
+
+def test_files_with_the_same_columns_keep_the_clock_of_each(tmp_path):
+    """Of an oscilloscope, whose time base was changed and whose second input was plugged in elsewhere."""
+    rng = np.random.default_rng(12)
+    for name, step, other in (("a.csv", 1e-4, rng.normal(size=4000)), ("b.csv", 2.5e-4, np.arange(4000) // 500 % 2)):
+        moved = np.cumsum(rng.normal(size=4000)) / 60
+        rows = "".join(f"{i},{y:.4f},{u:.4f},,\n" for i, (y, u) in enumerate(zip(moved, other, strict=True)))
+        head = f"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-0.1,{step}\n"
+        (tmp_path / name).write_text(head + rows)
+    guesses = [guess_recording(tmp_path / name) for name in ("a.csv", "b.csv")]
+    assert {g.channels.get("reference") is None for g in guesses} == {True, False}
+    (changed,) = (columns for columns in like_most(guesses) if columns)
+    clocks = {g.file: g.channels["time"].scale for g in guesses}
+    assert clocks == {"a.csv": 1e-4, "b.csv": 2.5e-4}
+    file = next(g.file for g, columns in zip(guesses, like_most(guesses), strict=True) if columns)
+    assert next(c.scale for c in changed if c.channel == "time") == clocks[file]

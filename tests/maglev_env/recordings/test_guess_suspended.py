@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from maglev_env.loop.controller_forms import Pid
+from maglev_env.loop.gains import Gains
 from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import parse_campaign
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.guess.agreed import agreed
 from maglev_env.recordings.guess.columns.stated_columns import with_stated
+from maglev_env.recordings.guess.of_the_rig import perhaps_of_the_rig
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.suspended import below_the_magnet
 from maglev_env.recordings.guess.verified import verified
@@ -63,6 +66,7 @@ def test_a_named_rig_tells_the_bias_of_the_current_and_the_gap_at_rest(tmp_path)
     rig = Rig(name="ball", magnet="electromagnet", mass=MASS, gap=GAP, bias_current=BIAS, clearance=3e-3)
     told = below_the_magnet(found, rig, tmp_path)
     assert told.channels["current"].source == {"from": "i", "total": True}
+    assert told.rotor.value == "suspended" and not told.rotor.ask
     for name, column in (("displacement", "y"), ("reference", "yd")):
         assert told.channels[name].source == {"from": column, "scale": -1.0, "offset": GAP}
         asked = told.channels[name].ask
@@ -75,6 +79,17 @@ def test_a_named_rig_tells_the_bias_of_the_current_and_the_gap_at_rest(tmp_path)
     assert below_the_magnet(volts, rig, tmp_path).channels["voltage"].total
     pair = replace(rig, magnet="electromagnet_pair", turns=100, pole_area=1e-4)
     assert below_the_magnet(found, pair, tmp_path) is found
+
+
+def test_the_controller_of_a_named_rig_is_asked_for_where_the_command_shows_none(tmp_path):
+    rng = np.random.default_rng(11)
+    table = np.column_stack([np.arange(2000) / 500.0, 0.1 * rng.normal(size=2000), 0.9 + 0.1 * rng.normal(size=2000)])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t [s],pos [mm],cmd [A]", comments="", fmt="%.9f")
+    found = guess_recording(tmp_path / "run.csv")
+    rig = Rig(name="ball", magnet="electromagnet", mass=MASS, gap=GAP, bias_current=BIAS, clearance=3e-3)
+    assert perhaps_of_the_rig(found, rig) is found
+    for own, asked in ((Gains(200.0, 5.0, 3.0), "gains = { kp = 200.0"), (Pid(200.0), 'controller = { form = "pid"')):
+        assert asked in perhaps_of_the_rig(found, replace(rig, gains=own)).controller.ask
 
 
 @pytest.mark.parametrize("told_by", ["controller", "name", "voltage"])
@@ -157,6 +172,21 @@ def test_what_repels_its_rotor_counts_as_the_controller_of_another_file_shows(tm
     assert loop.gains["kp"] == pytest.approx(300.0, rel=1e-3)
     assert loop.channels["displacement"].scale == opened.channels["displacement"].scale == 1e-3
     assert "as the controller of loop.csv shows" in opened.channels["displacement"].reason
+
+
+@pytest.mark.parametrize("stated", [{}, {"adc": -1.1e-5}])
+def test_a_set_point_that_counts_towards_the_magnet_beside_a_distance_is_not_turned_with_it(tmp_path, stated):
+    """The sensor's counts rise with the distance. The loop of "fast.csv" does not follow and tells nothing."""
+    rng, t = np.random.default_rng(10), np.arange(16000) / 400.0
+    steps = np.repeat(rng.uniform(-1, 1, 80), t.size // 80)
+    for name, wanted in (("steps.csv", steps), ("fast.csv", np.sign(np.sin(2 * np.pi * 40 * t)))):
+        y = signal.lfilter([0.05], [1, -0.95], wanted) + 1e-3 * rng.normal(size=t.size)
+        table = np.column_stack([t, np.rint(723 - 91 * y), 1000 * wanted, 0.92 - 0.06 * y])  # more of it holds it lower
+        np.savetxt(tmp_path / name, table, fmt="%.4f", delimiter=",", header="t [s],adc,sp [um],i [A]", comments="")
+    guesses = [told(tmp_path, tmp_path / name, **stated) for name in ("fast.csv", "steps.csv")]
+    assert guesses[1].channels["displacement"].scale < 0 < guesses[1].channels["reference"].scale
+    assert [g.channels["reference"].scale for g in agreed(guesses)] == [1e-6, 1e-6]
+    assert "other direction" not in guesses[1].channels["reference"].ask
 
 
 def told(folder, path, **scales):

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from maglev_env.recordings.measurement_chain import corrected
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.campaign_tables import channel_table
+from maglev_env.recordings.measurement_chain import corrected, coupled
+from maglev_env.recordings.recording import read_recording
 
 RATE = 1000.0
 
@@ -24,6 +27,21 @@ def test_a_low_pass_and_a_delay_are_undone():
     inside = slice(200, -200)  # the ends are continued by a guess
     assert abs(found - true(t))[inside].max() < 1e-3
     assert abs(logged - true(t))[inside].max() > 0.3
+
+
+@pytest.mark.parametrize("corners", [(0.7,), (0.7, 3.0)])
+def test_what_an_ac_coupling_takes_away_comes_back(corners):
+    t, fine = np.arange(20000) / RATE, np.arange(-5.0, 20.0, 1e-4)
+    steps = np.sign(np.sin(2 * np.pi * 0.45 * fine)) + 0.3 * np.sin(2 * np.pi * 6 * fine)
+    logged = steps
+    for corner in corners:  # high-passes in continuous time, begun well before the record
+        system = signal.lti([1.0, 0.0], [1.0, 2 * np.pi * corner])
+        _, logged, _ = signal.lsim(system, logged, fine - fine[0])
+    wanted, read = (np.interp(t, fine, v) for v in (steps, logged + 0.2))  # a zero that is 0.2 off
+    left = coupled(read, RATE, corners) - wanted  # but for what nothing tells: a mean, a trend, a parabola
+    assert np.std(read - wanted) > 0.5
+    assert np.std(left - np.polyval(np.polyfit(t, left, len(corners)), t)) < 0.05
+    assert np.std(left) < 0.2
 
 
 def test_a_straight_line_comes_back_exactly():
@@ -56,3 +74,33 @@ def test_a_straight_line_comes_as_late_as_low_pass_and_delay_make_it():
     t = np.arange(400) / rate
     behind = 5.0 * (t - 1 / (2 * np.pi * corner) - delay)
     np.testing.assert_allclose(corrected(behind, rate, (corner,), delay), 5.0 * t, atol=1e-6)
+
+
+def test_a_channel_states_its_coupling():
+    found = channel_table("current", {"from": "i", "high_pass": [3.5]})
+    assert found.high_pass == (3.5,) and found.filter == () and found.chained
+    for key, value in (("total", True), ("offset_tolerance", 0.01)):
+        with pytest.raises(ValueError, match="its mean, which high_pass has taken away"):
+            channel_table("current", {"from": "i", "high_pass": [3.5], key: value})
+    with pytest.raises(ValueError, match=r"high_pass = .*above 0"):
+        channel_table("current", {"from": "i", "high_pass": [0.0]})
+
+
+def test_a_channel_states_the_calibration_of_a_bent_sensor(tmp_path):
+    counts = np.linspace(400.0, 900.0, 501)
+    np.savez(tmp_path / "run.npz", adc=counts)
+    text = """schema = "maglev-campaign/1"
+[[recording]]
+file = "run.npz"
+sample_rate = 100.0
+excitation = { kind = "none" }
+[recording.channels]
+displacement = { from = "adc", polynomial = [5.5, 7e-3, 3e-6], scale = -1e-3, offset = 0.012 }
+"""
+    (tmp_path / "campaign.toml").write_text(text)
+    campaign = load_campaign(tmp_path)
+    read = read_recording(campaign, campaign.recordings[0])["displacement"].values
+    np.testing.assert_allclose(read, 0.012 - 1e-3 * (5.5 + 7e-3 * counts + 3e-6 * counts**2), rtol=1e-12)
+    for wrong in ([5.5], [5.5, 0.0]):
+        with pytest.raises(ValueError, match="constant"):
+            channel_table("displacement", {"from": "adc", "polynomial": wrong})

@@ -249,6 +249,18 @@ def test_pickup_beside_an_effect_is_a_pair():
     assert verdict(found) == ("explained", ("delay", "pickup"))
 
 
+@pytest.mark.parametrize("tone", ["pickup", "unbalance"])
+def test_a_tone_of_known_lines_stands_beside_a_pair(tone):
+    """A rotor that turns is out of balance, whatever else is off. A needless second effect is not named for that."""
+    costs = {"": 8e4, **dict.fromkeys(SINGLES, 8e4), "delay": 3e4, "friction": 4e4}
+    tones = {"pickup": 5e4} if tone == "pickup" else {"spin": 5e4}
+    beside = {"tones": tones, "spin": {} if tone == "pickup" else {"runout": 4e4, "unbalance": 0.0}}
+    worded, cause = judged(evidence(costs, pairs={"delay+friction": 0.0}, **beside))
+    assert worded == "explained" and set(cause) == {"delay", "friction", tone}
+    worded, cause = judged(evidence(costs | {"delay": 0.0}, pairs={"delay+friction": -1.0}, **beside))
+    assert worded == "explained" and set(cause) == {"delay", tone}
+
+
 @pytest.mark.parametrize(("spin", "named"), [((0.0, 4e3), "runout"), ((4e3, 0.0), "unbalance")])
 def test_what_turns_is_told_by_its_costs(spin, named):
     e = evidence(tones={"spin": 5e3}, spin=dict(zip(("runout", "unbalance"), spin, strict=True)))

@@ -32,9 +32,9 @@ def fitted(coefficient: float, slope: float):
 def test_a_support_that_drives_the_rotor_costs_what_the_fit_loses_without_damping():
     rig = replace(RIG, support_damping=0.3)
     fit, per_square = fitted(-0.8, 9.0)
-    assert meaningless_cost(fit, rig, 1e-4) == pytest.approx(0.5**2 * per_square, rel=1e-6)
-    assert meaningless_cost(fit, replace(RIG, support_damping=0.9), 1e-4) == 0.0  # less damping than stated, but some
-    assert meaningless_cost(fitted(0.8, 9.0)[0], rig, 1e-4) == 0.0
+    assert meaningless_cost(fit, rig, 1e-4, 1.0) == pytest.approx(0.5**2 * per_square, rel=1e-6)
+    assert meaningless_cost(fit, replace(RIG, support_damping=0.9), 1e-4, 1.0) == 0.0  # less than stated, but some
+    assert meaningless_cost(fitted(0.8, 9.0)[0], rig, 1e-4, 1.0) == 0.0
 
 
 @pytest.mark.parametrize("name", ["support_resonance", "sensor_resonance"])
@@ -45,7 +45,7 @@ def test_a_mode_without_a_resonance_is_none(name):
         u = np.array([c.at(max(c.low, 0.01) if c.scale is None else 0.01) for c in h.coordinates])
         u[at] = np.log(ratio)
         (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
-        assert meaningless_cost(fit, RIG, 1e-4) == cost
+        assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
 
 
 @pytest.mark.parametrize("distance, cost", [(1e-9, np.inf), (1e-6, np.inf), (5e-6, 0.0)])
@@ -54,7 +54,24 @@ def test_a_stop_that_touches_wherever_the_rotor_is_is_none(distance, cost):
     values = {"distance": distance, "stiffness": 1e3}
     u = np.array([c.at(values.get(c.parameter, max(c.low, 1.0))) for c in h.coordinates])
     (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
-    assert meaningless_cost(fit, RIG, 1e-4) == cost
+    assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
+
+
+@pytest.mark.parametrize(
+    "rig, field, knee, cost",
+    [("hmb_free", 1.5, None, 0.0), ("hmb_free", 40.0, None, np.inf), ("hmb_free", 100.0, 2.0, 0.0)],
+)
+def test_iron_that_saturates_far_above_every_field_does_not(rig, field, knee, cost):
+    """The magnets of this rig make 0.4 T in their gaps. With a knee of the current the field's is at its bound."""
+    h = Hypothesis(("saturation",), {}, scales=RIG.scales)
+    h = h if knee is None else replace(h, shaped=("saturation",))
+    u = np.zeros(h.size)
+    u[: len(h.coordinates)] = [c.at(field) for c in h.coordinates]
+    if knee is not None:
+        at = len(h.coordinates) + h.calibrated.index("saturation.current")
+        u[at] = 1 / (knee * h.shapes["saturation.current"].parameter.shape)
+    (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
+    assert meaningless_cost(fit, load_rig(rig), 1e-5, 0.1) == cost
 
 
 @pytest.mark.parametrize(("share", "cost"), [(-1.0, np.inf), (0.98, 0.0), (0.2, 0.0), (1.0, np.inf)])
@@ -64,4 +81,4 @@ def test_a_zero_of_the_current_that_is_off_by_all_of_the_bias_is_none(share, cos
     (c,) = h.coordinates
     u = np.array([c.at(share * RIG.bias_current)])
     (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
-    assert meaningless_cost(fit, RIG, 1e-4) == cost
+    assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
