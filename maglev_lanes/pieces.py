@@ -5,10 +5,11 @@ from typing import TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable)
 
-# How the compiler takes them: without what only a function that is called on its own needs, which costs time. None may
-# stay a call: of functions of one name a process keeps the one that it compiled or loaded first, optimised for another
-# kernel, and the last bits of results would depend on which kernels ran before.
-INLINED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "forceinline": True}
+# How the compiler takes them: without what only a function that is called on its own needs, which costs time, and
+# without counting references to arrays, as they neither make nor keep any. None may stay a call: of functions of one
+# name a process keeps the one that it compiled or loaded first, optimised for another kernel, and the last bits of
+# results would depend on which kernels ran before.
+INLINED = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "forceinline": True, "_nrt": False}
 EXACT = INLINED | {"fastmath": False}
 _made: dict[tuple, Callable] = {}  # every piece by what it computes, see `_content`
 _waiting: list[tuple[Callable, tuple, dict]] = []  # pieces that were marked since the last kernel was made
@@ -66,8 +67,9 @@ def register() -> None:
     """
     from numba.extending import register_jitable
 
-    from maglev_lanes.piece_compiler import PieceCompiler
+    from maglev_lanes.piece_compiler import PieceCompiler, compare_options_quickly
 
+    compare_options_quickly()
     while _waiting:
         function, content, options = _waiting.pop()
         if _content(function) != content:

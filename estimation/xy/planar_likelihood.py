@@ -19,7 +19,8 @@ _ITERATIONS = 100
 _WALK = 45
 
 _compiled = nb.njit(cache=True, nogil=True, error_model="numpy")
-_inner = nb.njit(nogil=True, error_model="numpy", pipeline_class=PieceCompiler, **INLINED)
+_OWN_ARRAYS = {"_nrt": True}  # which pieces of kernels have not
+_inner = nb.njit(nogil=True, error_model="numpy", pipeline_class=PieceCompiler, **INLINED | _OWN_ARRAYS)
 
 
 @_inner

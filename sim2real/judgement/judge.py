@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf, isfinite
 
 import numpy as np
 
@@ -77,7 +78,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     # Where the best explanation lacks something, what that does to the costs is taken for evidence: the likelihood is
     # raised to the power of one over the reduced chi-square that is left (a power posterior: P. Grunwald and T. van
     # Ommen, Bayesian Analysis 12, 2017), as standard errors are widened by its root.
-    excused = allowance(evidence, judge)
+    excused = belief.leftover * float(forms[best])  # as `allowance` has it
     of_data = costs - strain
     apart = (of_data - of_data.min()) / evidence.dispersion.ratio(excused)
     likelihood = -0.5 * belief.freedom * np.log1p(apart / scale)
@@ -114,7 +115,7 @@ def lacking(evidence: Evidence, judge: Judge | None = None) -> float:
     best, gap = _best(evidence)
     forms = _forms(evidence, gap, judge.belief)
     saved = _saved_by_correction(evidence, best, gap, forms, judge.belief)
-    return _unlike(evidence, saved, forms[best], allowance(evidence, judge), judge.belief)
+    return _unlike(evidence, saved, forms[best], judge.belief.leftover * float(forms[best]), judge.belief)
 
 
 def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.ndarray, belief: Belief) -> float:
@@ -209,15 +210,16 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
     known. Of two that may stand for each other either saves little beside the other; of what both save, the smaller of
     their shares remains in any case. Nothing is excused more than it explains.
     """
-    cost = {frozenset(names): c for names, c in zip(evidence.effects, evidence.cost, strict=True)}
+    costs = evidence.cost.tolist()  # plain numbers: candidates are many, and their effects one or two
+    cost = {frozenset(names): c for names, c in zip(evidence.effects, costs, strict=True)}
     found = np.full(len(evidence.effects), belief.form_share * gap)
     for i, names in enumerate(evidence.effects):
-        if not names or not np.isfinite(evidence.cost[i]):
+        if not names or not isfinite(costs[i]):
             continue
         shares = [EFFECTS[name].form_share if name in EFFECTS else 0.0 for name in names]
-        others = [cost.get(frozenset(names) - {name}, np.inf) if len(names) > 1 else np.inf for name in names]
-        saved = np.clip(np.array(others) - evidence.cost[i], 0.0, gap)
-        explained = float(np.clip(evidence.cost[0] - evidence.cost[i], 0.0, gap))
+        others = [cost.get(frozenset(names) - {name}, inf) if len(names) > 1 else inf for name in names]
+        saved = [min(max(other - costs[i], 0.0), gap) for other in others]
+        explained = min(max(costs[0] - costs[i], 0.0), gap)
         found[i] += min(max(float(np.dot(shares, saved)), min(shares) * explained), explained)
     return found
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from numba.core.compiler import Flags
 
 from maglev_lanes import pieces
 from maglev_lanes.compiled import compiled
+from maglev_lanes.piece_compiler import compare_options_quickly
 from maglev_lanes.pieces import exact, piece, register
 
 
@@ -129,3 +131,12 @@ def test_the_compiler_makes_machine_code_of_the_kernel_alone_and_not_of_its_piec
     own = [name for name in names if "11test_pieces" in name and "NumbaEnv" not in name]
     assert any("test_the_compiler_makes_machine_code" in name for name in own)
     assert not [name for name in own if "6raised" in name or "7doubled" in name]
+
+
+def test_options_that_are_read_at_once_are_those_that_are_read_one_by_one():
+    compare_options_quickly()
+    plain, flags = Flags(), Flags()
+    flags.forceinline, flags.nrt = True, True
+    for one in (plain, flags):
+        assert one.values() == {name: getattr(one, name) for name in one.options}
+    assert plain != flags == flags.copy() and hash(flags) == hash(flags.copy())

@@ -170,7 +170,7 @@ def test_a_comparison_is_the_same_on_workers(local, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_training_is_the_same_on_workers(local):
     world = World(load_rig("hmb_free"), budget=3)
-    plan = Plan(rigs=6, rounds=2, search=30, epochs=5, history=3, width=16)
+    plan = Plan(rigs=4, rounds=2, search=12, epochs=3, history=3, width=16)
     there, here = train(world.draw, plan, 1, workers=local), train(world.draw, plan, 1)
     seen = np.random.default_rng(0).uniform(-1, 1, (5, 2, len(here[0].shape.names)))
     np.testing.assert_array_equal(there[0].act(seen), here[0].act(seen))

@@ -27,9 +27,10 @@ CASES = {
     "x-y": ("hmb_radial", ()),
     "x-y coupled": ("hmb_radial", ("cross_coupling=0.05",)),
 }
-FUNDAMENTAL = 200.0  # Hz: a period has 100 samples
+FUNDAMENTAL = 400.0  # Hz: a period has 50 samples
 LOST = 1  # the experiment of a case whose rotor touches down
-COUNT = 18  # experiments of the first case: more than a block
+COUNT = 17  # experiments of the first case: more than a block
+JUDGED = 5  # of them, by whom estimates are compared
 
 
 def experiments(case: str) -> list[Experiment]:
@@ -41,11 +42,11 @@ def experiments(case: str) -> list[Experiment]:
         replace(e, fundamental=FUNDAMENTAL, lines=tuple(range(i + 1, 4 * count + 1, count)))
         for i, e in enumerate(first.excitations)
     )
-    first = replace(first, excitations=excitations, periods=3, transient_periods=1)
+    first = replace(first, excitations=excitations, periods=2, transient_periods=1)
     own = first.gains[0] if isinstance(first.gains, tuple) else first.gains
     found = []
     for i in range(COUNT if case == "one axis" else 2):
-        gains = replace(own, kp=own.kp * (1 - 2 * (i == LOST)), kd=own.kd * (1 + 0.01 * i))
+        gains = replace(own, kp=own.kp * (1 - 6 * (i == LOST)), kd=own.kd * (1 + 0.01 * i))
         found.append(replace(first, gains=gains, seed=(3, i)))
     return found
 
@@ -76,11 +77,12 @@ if __name__ == "__main__":
         for name, most in (("", None), (" in parts", 1)) if case == "one axis" else (("", None),):
             found = figures(own, blocks, gathered=list(gathered_on_gpu(blocks, most)))
             results |= {f"{case}{name}/{key}": values for key, values in found.items()}
-    evaluate.CHUNK = 7  # of experiments that are judged together: several chunks, which end within blocks
-    results |= {f"judged/{key}": values for key, values in judged(experiments("one axis"), "cuda").items()}
+    evaluate.CHUNK = 2  # of experiments that are judged together: several chunks, which end within blocks
+    own = experiments("one axis")[:JUDGED]
+    results |= {f"judged/{key}": values for key, values in judged(own, "cuda").items()}
     with shared_pool(2, ready) as pool:
         for turn in ("apart", "again"):  # the second time in the memory of the first
-            found = judged(experiments("one axis"), "cuda", pool)
+            found = judged(own, "cuda", pool)
             results |= {f"{turn}/{key}": values for key, values in found.items()}
         results["memories"] = len(pool.memories)
     np.savez(Path(sys.argv[1]), **results)

@@ -39,7 +39,7 @@ def sweep(samples: int, bends: bool, seed: int) -> np.ndarray:
 
 
 def campaign(folder, bends):
-    np.savez(folder / "run.npz", x=sweep(30_000, bends, 1))
+    np.savez(folder / "run.npz", x=sweep(15_000, bends, 1))
     (folder / "rig.toml").write_text(
         f"""schema = "maglev-rig/1"
 name = "bends"

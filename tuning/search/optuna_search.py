@@ -1,7 +1,7 @@
 """Optuna's searches as tuners: TPE, CMA-ES and a Gaussian process."""
 
 import warnings
-from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,6 +58,9 @@ def _sampler(name: str, seed: int, startup: int | None) -> "BaseSampler":
         case "cma-es":
             return CmaEsSampler(seed=seed)
         case "gp":
-            import_module("torch")  # Optuna computes with it, and says that it is missing only after ten experiments
+            # Optuna computes with torch, but only after ten experiments, and says only then that it is missing. Loading
+            # it takes many seconds, so that here it is only looked for.
+            if find_spec("torch") is None:
+                raise ModuleNotFoundError("No module named 'torch'", name="torch")
             return GPSampler(seed=seed, deterministic_objective=False, **first)
     raise ValueError(f"sampler = {name!r}: Optuna's tpe, cma-es and gp are made here")

@@ -12,7 +12,7 @@ _PARALLEL = 4  # modes of diffusion into the iron
 _ECHO_LENGTH = 8192
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _weights(h, time):
     """(a, b, c) of a first-order lag over a step with a straight input: x' = a x + b u + c u'. Any time, also 0."""
     if time <= 1e-12:
@@ -22,7 +22,7 @@ def _weights(h, time):
     return a, r - a, 1.0 - r
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _read(a, y, other, t, angle, held, p):
     """What the converter sees of one axis (m), without noise; `held` (1,) is the memory of a loose linkage."""
     x = y + p[at.CROSSTALK] * other + p[at.TILT] * y * y / p[at.GAP]

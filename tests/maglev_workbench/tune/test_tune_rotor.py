@@ -21,8 +21,8 @@ GOAL = "peak_sensitivity <= 3, phase_margin >= 20, best noise_current near 0.02"
 def test_a_rotor_is_tuned_checked_and_goes_on(tmp_path):
     out, js = tmp_path / "study", tmp_path / "a.json"
     arguments = ("--goal", GOAL, "--speeds", "0:14000:14000", "--rejection", 10, "--batch", 4, "--out", out)
-    text = run(*arguments, "--budget", 8, "--json", js)
-    assert "Take kp_translation = " in text and "8 experiments" in text and "Checked in simulation" in text
+    text = run(*arguments, "--budget", 4, "--json", js)
+    assert "Take kp_translation = " in text and "4 experiments" in text and "Checked in simulation" in text
     data = json.loads(js.read_text())
     assert data["schema"] == "maglev-tune/1" and data["goal"].startswith("peak_sensitivity <= 3")
     best = data["recommended"]
@@ -34,7 +34,7 @@ def test_a_rotor_is_tuned_checked_and_goes_on(tmp_path):
     checked = data["run_up"]
     assert checked["gains"]["tilt"]["kp"] == best["gains"]["kp_tilt"] and checked["rejection"]["rate"] == 10
     assert all(row["touchdown"] is None for row in checked["speeds"])
-    again = shlex.split(text.partition("the same run-up: maglev ")[2].partition("8 experiments")[0])
+    again = shlex.split(text.partition("the same run-up: maglev ")[2].partition("4 experiments")[0])
     other = tmp_path / "runup.json"
     maglev(*again, "--speeds", "14000", "--out", tmp_path / "r", "--json", other)
     found = json.loads(other.read_text())
@@ -42,7 +42,7 @@ def test_a_rotor_is_tuned_checked_and_goes_on(tmp_path):
     assert max(found["speeds"][0]["coil_once"]) < 0.02  # rejected, of 0.3 A
     page = (out / "tune.html").read_text()
     assert "Requirements over the speeds" in page and "By mode and plane" in page
-    assert "8 reused" in run(*arguments, "--budget", 12)
+    assert "4 reused" in run(*arguments, "--budget", 8)
 
 
 @pytest.mark.parametrize(

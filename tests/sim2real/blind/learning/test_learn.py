@@ -8,22 +8,20 @@ import pytest
 from drawn_evidence import drawn, examples
 
 from sim2real.blind.learning import learn as learn_module
-from sim2real.blind.learning.learn import learn, log_score
+from sim2real.blind.learning.learn import judge_of, learn, log_score
 from sim2real.judgement.belief import LEVEL, Judge, judge_from, shipped
 from sim2real.judgement.evidence_json import evidence_from_json, evidence_to_json
 from sim2real.judgement.judge import entries
 from sim2real.judgement.likely import likely_of, rareness
 
-
-def taught():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(learn_module, "ROUNDS", 24)
-        return learn(examples(80, 1), Judge())
+ROUNDS = 24  # of the search, which are fewer than in use
 
 
 @pytest.fixture(scope="module")
 def learned():
-    return taught()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learn_module, "ROUNDS", ROUNDS)
+        return learn(examples(80, 1), Judge())
 
 
 @pytest.mark.slow
@@ -52,9 +50,16 @@ def test_the_p_value_of_a_known_cause_is_uniform_under_one(learned):
 
 @pytest.mark.slow
 def test_the_same_examples_give_the_same_judge(learned):
-    again = taught()
-    assert json.dumps(again.judge.to_json()) == json.dumps(learned.judge.to_json())
-    assert judge_from(json.loads(json.dumps(again.judge.to_json()))) == learned.judge
+    lesson, plain = examples(80, 1), Judge()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learn_module, "ROUNDS", ROUNDS)
+        once, again = (judge_of(lesson, plain) for _ in range(2))
+    assert json.dumps(once.to_json()) == json.dumps(again.to_json()) and once.belief != plain.belief
+    # And that of the whole lesson, whose belief stays where a learned one is no better on what was left out.
+    whole = learned.judge
+    told = once if whole.belief != plain.belief else judge_of(lesson, plain, free=False)
+    assert json.dumps(replace(told, reached=whole.reached).to_json()) == json.dumps(whole.to_json())
+    assert judge_from(json.loads(json.dumps(whole.to_json()))) == whole
 
 
 def test_evidence_is_the_same_after_json():
