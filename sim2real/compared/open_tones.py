@@ -156,10 +156,12 @@ def _looked_again(record: OpenRecord, residual: Residual, frequencies: Sequence[
     tones, spacing = list(record.tones), _spacing(record)
     for f in frequencies:
         line = f / spacing
-        if any(abs(t.frequency - f) < 1.0 * spacing for t in tones) or not _tried(record, np.array([line])).size:
+        if any(abs(t.frequency - f) < 1.0 * spacing for t in tones) or not _within(record, np.array([line]))[0]:
             continue
         refined = _strongest_near(residual, line, ALIKE)
-        if _chance(residual, refined) <= np.log(FALSE_ALARM):
+        # What a mode that rings near there makes, or the loop of the drive, has a frequency of its own.
+        same = abs(refined - line) < SAME_TONE or _tried(record, np.array([line])).size > 0
+        if same and _chance(residual, refined) <= np.log(FALSE_ALARM):
             tone, residual = _taken_out(residual, refined)
             tones.append(tone)
     return replace(record, tones=tuple(tones))
@@ -253,12 +255,16 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
 
 
 def _tried(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
-    """Those of lines (n,) at which a tone may be told: not of drift, of ringing, or of the drive."""
-    w, spacing = record.windows, _spacing(record)
-    inside = (lines >= max(w.first, SLOWEST)) & (lines <= w.first + w.frequency.size - 1 + FINE)
-    lines = lines[inside]
-    lines = lines[~_ringing(record, lines * spacing)]
-    return lines[~_of_the_drive(record, lines * spacing)]
+    """Those of lines (n,) at which a tone is looked for: not of drift, of ringing, or of the drive."""
+    lines = lines[_within(record, lines)]
+    lines = lines[~_ringing(record, lines * _spacing(record))]
+    return lines[~_of_the_drive(record, lines * _spacing(record))]
+
+
+def _within(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
+    """Whether lines (n,) are compared, and too fast for a drift."""
+    w = record.windows
+    return (lines >= max(w.first, SLOWEST)) & (lines <= w.first + w.frequency.size - 1 + FINE)
 
 
 def _chance(residual: Residual, line: float) -> float:

@@ -198,3 +198,15 @@ def test_a_loud_tone_beside_the_mains_is_not_theirs(read_both, frequency, family
     records = toned(read_both(Bench(tone=10 * TONE, tone_frequency=frequency)))
     for i, part in enumerate(assemble(records).parts):
         assert {s.family for s in _between(i, part, Point({}, {}))} == {family}
+
+
+@pytest.mark.parametrize("frequency", [61.7, 60.6, 73.0])
+def test_a_tone_that_another_recording_shows_is_seen_beside_harmonics_of_the_drive(tmp_path, frequency):
+    """Around 60 Hz no tone is looked for under a sine of 20 Hz, but one of the same frequency is believed."""
+    bench = Bench(tone=10 * TONE, tone_frequency=frequency)
+    _, records = read_records(write_campaign(tmp_path, bench, {"noise": "fit", "sine": "fit"}, 1.0, 0))
+    alone = with_tones(records[1]).tones
+    assert [t.frequency == pytest.approx(frequency, abs=0.1) for t in alone] == ([True] if frequency > 65 else [])
+    for record in toned(records):
+        (tone,) = record.tones
+        assert tone.frequency == pytest.approx(frequency, abs=0.05)
