@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from estimation.multisine.sphs import random_phase, sphs, synthesise
@@ -314,6 +314,7 @@ def _written(folder: Path) -> Path:
     noise=st.sampled_from([0.0, 1e-4, 1e-2]),
     offset=st.floats(-1, 1),
 )
+@example(samples=512, last=14, seed=200, schroeder=False, bits=8, noise=1e-4, offset=-0.7583305700127321)  # a flat peak
 def test_quantised_multisines_and_sines_are_not_clipped(samples, last, seed, schroeder, bits, noise, offset):
     for lines in (np.arange(1, last + 1), [last]):
         design = sphs(lines, samples) if schroeder else random_phase(lines, samples, seed)
