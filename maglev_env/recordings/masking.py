@@ -12,8 +12,9 @@ if TYPE_CHECKING:
 # it, the record says more of its converter than of the rig.
 MOST_MASKED = 0.01
 # A clipped channel stays at its extreme value and passes the values next to it quickly. A quantised sine also stays at
-# its top level, but at most 1.4 times as long as at the next two, and a peak as flat as a fourth power 3.2 times.
-CLIPPED_SHARE, CLIPPED_RUN, CLIPPED_RATIO = 1e-3, 4, 4
+# its top level, but at most 2.4 times as long as at the next one, and 1.4 times as long as at the next two, which tell
+# where a few samples of a flat peak pass one level by chance.
+CLIPPED_SHARE, CLIPPED_RUN, CLIPPED_RATIOS = 1e-3, 4, (6, 2)
 LEAST_PERIODS = 4  # that must remain for masked periods to be left out: noise from fewer is poorly known
 
 
@@ -32,8 +33,13 @@ def clipped_samples(values: np.ndarray) -> np.ndarray:
             run &= at[shift : at.size - CLIPPED_RUN + 1 + shift]
         if not run.any() or at.all():
             continue
-        beside = (abs(values - level) <= 2.5 * abs(level - nearest(values[~at]))) & ~at  # two levels, or a few values
-        if at.mean() >= CLIPPED_SHARE and at.sum() >= CLIPPED_RATIO * beside.sum():
+        beside, rest, passed = 0, values[~at], at.mean() >= CLIPPED_SHARE
+        for ratio in CLIPPED_RATIOS:
+            if rest.size:
+                kept = rest[rest != nearest(rest)]
+                beside, rest = beside + rest.size - kept.size, kept
+                passed &= at.sum() >= ratio * beside
+        if passed:
             clipped |= at
     return clipped
 
