@@ -272,8 +272,8 @@ def _reaching(moving: Sequence[Coefficient], resting: Sequence[Coefficient]) -> 
 
     What motion has wrong is not only in these two: as many standard errors may be in what rest does not tell.
     """
-    reach, at_rest = float(stats.norm.isf(0.025)), {c.name: c.value for c in resting}
-    off = {c.name: abs(at_rest[c.name] - c.value) / reach for c in moving if c.name in at_rest}
+    reach, rest = float(stats.norm.isf(0.025)), {c.name: c.value for c in resting}
+    off = {c.name: abs(rest[c.name] - c.value) / reach for c in moving if c.name in rest}
     most = max((off[c.name] / c.se for c in moving if c.name in off and c.identified), default=0.0)
     return tuple(
         c.with_error(float(np.hypot(c.se, off[c.name])) if c.name in off else c.se * max(most, 1.0)) for c in moving

@@ -78,7 +78,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     # Where the best explanation lacks something, what that does to the costs is taken for evidence: the likelihood is
     # raised to the power of one over the reduced chi-square that is left (a power posterior: P. Grunwald and T. van
     # Ommen, Bayesian Analysis 12, 2017), as standard errors are widened by its root.
-    excused = belief.leftover * float(forms[best])  # as `allowance` has it
+    excused = _excused(forms, best, belief)
     of_data = costs - strain
     apart = (of_data - of_data.min()) / evidence.dispersion.ratio(excused)
     likelihood = -0.5 * belief.freedom * np.log1p(apart / scale)
@@ -115,7 +115,7 @@ def lacking(evidence: Evidence, judge: Judge | None = None) -> float:
     best, gap = _best(evidence)
     forms = _forms(evidence, gap, judge.belief)
     saved = _saved_by_correction(evidence, best, gap, forms, judge.belief)
-    return _unlike(evidence, saved, forms[best], judge.belief.leftover * float(forms[best]), judge.belief)
+    return _unlike(evidence, saved, forms[best], _excused(forms, best, judge.belief), judge.belief)
 
 
 def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.ndarray, belief: Belief) -> float:
@@ -185,7 +185,12 @@ def allowance(evidence: Evidence, judge: Judge | None = None) -> float:
     if not np.isfinite(evidence.cost).any():
         return 0.0
     best, gap = _best(evidence)
-    return belief.leftover * float(_forms(evidence, gap, belief)[best])
+    return _excused(_forms(evidence, gap, belief), best, belief)
+
+
+def _excused(forms: np.ndarray, best: int, belief: Belief) -> float:
+    """The same by what `_forms` found."""
+    return belief.leftover * float(forms[best])
 
 
 def reach(evidence: Evidence, judge: Judge | None = None) -> np.ndarray:
