@@ -15,8 +15,10 @@ from estimation.lines.line_windows import KEPT, WIDTH
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.axis import linear_axis
 from maglev_env.loop.effect import EFFECTS
+from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import Opened
 
 NEAR = 2.5  # windows from a pole, within which its ringing differs from a quadratic in the line number
 SMALL = 1e-3  # singular values below this share of what a pole does where it does most are taken as zero
@@ -128,14 +130,22 @@ def _amplitude(record: OpenRecord, loop: Loop, axis: int, noise: np.ndarray, pol
         noise: standard deviation (n,) of the opened displacement's coordinates, m.
         pole: its size, 1/s.
     """
-    own = loop.blocks.controller[axis] * loop.blocks.plant[axis]
-    moved, left = (abs(v.reshape(loop.shape)) ** 2 for v in (own / (1 + own), 1 / (1 + own)))
-    faster = 2 * pi * record.windows.frequency / pole
-    near = abs(faster[:, WIDTH // 2] - 1) <= np.min(abs(faster[:, WIDTH // 2] - 1))
-    power = moved * np.maximum(faster, 1.0) ** 2 + left * near[:, None]
-    total = float(np.sum(power * noise.reshape(-1, KEPT)[:, :1] ** 2))
+    w = record.windows
+    # Noise moves the rotor up to the loop's bandwidth, however few of the lines its drives make worth comparing.
+    beyond = np.arange(w.centre[-1], w.sample_rate / 2, WIDTH * w.sample_rate / w.samples)[1:]
+    compared = loop.blocks.controller[axis] * loop.blocks.plant[axis]
+    further = Opened(*nominal_blocks(record.experiment, beyond, False), ("plant",))
+    own = np.concatenate([compared, further.controller[axis] * further.plant[axis]])
+    moved, left = abs(own / (1 + own)) ** 2, abs(1 / (1 + own)) ** 2
+    frequency, lines = np.append(w.frequency, beyond), np.append(np.ones(compared.size), np.full(beyond.size, WIDTH))
+    of_window = np.append(np.repeat(noise[::KEPT], WIDTH), np.full(beyond.size, noise[-1]))
+    faster = 2 * pi * frequency / pole
+    around = abs(2 * pi * np.append(w.centre, beyond) / pole - 1)
+    near = np.append(np.repeat(around[: w.count], WIDTH), around[w.count :]) <= around.min()
+    power = moved * np.maximum(faster, 1.0) ** 2 + left * near
+    total = float(np.sum(lines * power * of_window**2))
     for tone in record.tones:
-        at = np.unravel_index(np.argmin(abs(record.windows.frequency - tone.frequency)), loop.shape)
+        at = int(np.argmin(abs(frequency - tone.frequency)))
         held = max(moved[at], left[at]) * max(faster[at], 1.0) ** 2
         total += float(held * abs(tone.amplitude["opened"][axis]) ** 2)
     return float(np.sqrt(total))

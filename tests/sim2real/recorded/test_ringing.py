@@ -64,6 +64,21 @@ def test_ringing_is_as_large_as_noise_moves_the_loop(record):
         assert np.allclose(three[name], 3 * column)
 
 
+def test_ringing_is_as_large_however_few_lines_are_compared(record):
+    """A slow sine makes the lowest lines alone worth comparing, and noise moves the rotor up to the loop's bandwidth."""
+    e = record.experiment
+    stiff = replace(record, experiment=replace(e, gains=replace(e.gains, kp=10 * e.gains.kp, kd=10 * e.gains.kd)))
+    few = replace(stiff, windows=replace(record.windows, count=3))
+
+    def sizes(of):
+        noise = np.ones((2, 2, of.frequency.size))
+        columns = ringing(of, nominal_loop(of), OUTPUTS, noise, of.experiment)
+        return {name: np.linalg.norm(c[..., : few.frequency.size]) for name, c in columns.items()}
+
+    whole = sizes(stiff)
+    assert whole and sizes(few) == pytest.approx(whole, rel=0.05)
+
+
 @pytest.mark.parametrize("times", [1.0, 0.8, 1.6])
 def test_a_loud_tone_begins_and_ends_with_the_record(record, times):
     """Wherever it lies, what the mode holds at the ends grows with it, along its axis."""
