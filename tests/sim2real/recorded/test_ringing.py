@@ -65,7 +65,7 @@ def test_ringing_is_as_large_as_noise_moves_the_loop(record):
 
 
 def test_ringing_is_as_large_however_few_lines_are_compared(record):
-    """A slow sine makes the lowest lines alone worth comparing, and noise moves the rotor up to the loop's bandwidth."""
+    """A slow sine makes the lowest lines alone worth comparing; noise moves the rotor up to the loop's bandwidth."""
     e = record.experiment
     stiff = replace(record, experiment=replace(e, gains=replace(e.gains, kp=10 * e.gains.kp, kd=10 * e.gains.kd)))
     few = replace(stiff, windows=replace(record.windows, count=3))
