@@ -18,7 +18,7 @@ from sim2real.compared.law_shape import (
     with_bent_law,
 )
 from sim2real.compared.open_tones import nuisance_columns
-from sim2real.compared.simulated import Point, Predictor, experiment_near, lanes_of, predictor
+from sim2real.compared.simulated import Point, Predictor, experiment_near, is_dithered, lanes_of, predictor, series_at
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.drive.anchored import anchored
 from sim2real.recorded.drive.quiet import quiet
@@ -82,7 +82,7 @@ def evidence_of(
     as_read, record = record, redriven(record, about)
     at_near = experiment_near(record, near)
     lanes = lanes_of(record, [near])
-    predicted = simulated_series(record, lanes)[0]
+    predicted = series_at(record, near)
     loop = loop_at(record, at_near, predicted)
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs), near=near)
@@ -97,12 +97,16 @@ def evidence_of(
             series[0] = quiet(record.series["displacement"]) - predicted[0]
             moved = loop.opened(record, series[0], series[2], None)[0]
             by_rig = anchored(record, moved)
-            series = simulated_series(by_rig, lanes)[0]
+            series = series_at(by_rig, near)
             if np.isfinite(series).all():
                 record, as_read, predicted = by_rig, anchored(as_read, moved), series
                 predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs), near=near)
                 at = coordinates_of(record, loop, opened.outputs, predicted)
                 measured = left + at
+        # What a small change does is simulated without the noise that may smooth it: with and without that change.
+        held = at
+        if is_dithered(near, record.nominal):
+            held = coordinates_of(record, loop, opened.outputs, simulated_series(record, lanes)[0])
         response = None
         if record.instrument is not None and record.told is not None:
             response = NoiseResponse(at, measured - at, noise, record.told)
@@ -110,11 +114,11 @@ def evidence_of(
             others = tuple(e for e in record.errors if e not in measured_drive)
             lines = changes(others, record.windows.frequency, opened.outputs, parts_of(record, loop, predicted))
             nuisances |= {name: record.windows.project(c).reshape(measured.shape) for name, c in lines.items()}
-            driven = drive_columns(as_read, predicts, lanes, near, about, at)
+            driven = drive_columns(as_read, predicts, lanes, near, about, held)
             if response is not None:
                 driven |= response.without_in({e.name: driven[e.name] for e in measured_drive if e.scale})
             nuisances |= driven
-            nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, at)
+            nuisances |= smoothed_alike(record, loop, opened.outputs, lanes, held)
             for error in measured_drive:
                 measured = measured - about.get(error, 0.0) * nuisances[error.name]
         if response is not None:
@@ -127,7 +131,7 @@ def evidence_of(
                 shapes = law_shapes(record.nominal, near)
             resting = rest_current(record, near)
             moved = predicts([*shapes.values(), *resting.values()])
-            columns = shape_columns(at, dict(zip([*shapes, *resting], moved, strict=True)))
+            columns = shape_columns(held, dict(zip([*shapes, *resting], moved, strict=True)))
             nuisances |= {name: c / (step if name in shapes else 1.0) for name, c in columns.items()}
             if bending:
                 measured = measured + sum(bends[name] * nuisances[name] for name in bends)

@@ -19,8 +19,8 @@ from estimation.lines.tones import FALSE_ALARM, MOST, Tone
 from maglev_env.experiment import Experiment
 from maglev_env.linear.poles import closed_loop_poles
 from sim2real.compared.distortion import COMMON, distorted
-from sim2real.compared.simulated import Point, experiment_near, lanes_of
-from sim2real.recorded.open_evidence import measured_series, simulated_series
+from sim2real.compared.simulated import Point, experiment_near, series_at
+from sim2real.recorded.open_evidence import measured_series
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
@@ -63,7 +63,7 @@ class Residual:
 
 def residual_of(record: OpenRecord, point: Point) -> Residual | None:
     """What the simulation at a point leaves of a record; None where it touches down."""
-    predicted = simulated_series(record, lanes_of(record, [point]))[0]
+    predicted = series_at(record, point)
     if not np.isfinite(predicted).all():
         return None
     off = measured_series(record) - predicted

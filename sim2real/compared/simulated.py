@@ -14,7 +14,7 @@ from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
 from maglev_env.rig.rig import Rig, with_parameters
 from sim2real.recorded.drifting import DRIFTING, steady
-from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes
+from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes, simulated_series
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
@@ -27,9 +27,9 @@ RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 MOST_TRANSIENT = 12  # periods
 # Sensor noise smooths hard nonlinearities (dithering). These effects are simulated with the noise that the rig states,
-# averaged over DITHER_PERIODS, because the simulated noise is not that of the record. Limits are always smoothed;
-# hysteresis and friction are smoothed in some forms and not in others.
-DITHER_PERIODS = 6
+# averaged over DITHER_PERIODS, or over as many NOISES where nothing repeats, because the simulated noise is not that of
+# the record. Limits are always smoothed; hysteresis and friction are smoothed in some forms and not in others.
+DITHER_PERIODS, NOISES = 6, 4
 DITHERED, MAY_BE_DITHERED = ({n for n, card in EFFECTS.items() if card.dither == how} for how in ("always", "maybe"))
 
 
@@ -46,6 +46,11 @@ class Point:
     effects: Effects
     changes: Mapping[str, float]
     dithered: bool = False
+
+    @property
+    def smoothed(self) -> bool:
+        """Whether noise, where there is any, smooths its effects."""
+        return self.dithered or not DITHERED.isdisjoint(self.effects)
 
 
 def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = None) -> Experiment:
@@ -99,13 +104,39 @@ def substeps_of(record: Record | OpenRecord) -> int:
 
 
 def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list[Block]:
-    """Prepared lanes of a record at every point; dithered lanes have the noise that the rig states."""
-    e = record.experiment
+    """Prepared lanes of a record at every point; dithered lanes have the noise that the rig states, and without a
+    period each point has NOISES of them."""
+    e, seeds = record.experiment, range(NOISES) if dithered and isinstance(record, OpenRecord) else (None,)
     if dithered:
         noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
         e = replace(e, rig=replace(e.rig, noise=noise))
     made: dict[tuple, Rig] = {}
-    return prepared([_as_seen(record, e, p, made) for p in points], substeps_of(record))
+    seen = [_as_seen(record, e, p, made) for p in points]
+    seeded = [own if seed is None else replace(own, seed=seed) for own in seen for seed in seeds]
+    return prepared(seeded, substeps_of(record))
+
+
+def is_dithered(point: Point, rig: Rig) -> bool:
+    """Whether the noise of a rig's sensor smooths what a point simulates."""
+    return rig.noise.displacement > 0 and point.smoothed
+
+
+def series_at(record: OpenRecord, point: Point) -> np.ndarray:
+    """Displacement, current and command (3, axes, samples) of a simulation at a point, as noise smooths them; nan where
+    the rotor touches down."""
+
+    def mean(at: Point, dithered: bool) -> np.ndarray:
+        return simulated_series(record, lanes_of(record, [at], dithered)).mean(axis=0)
+
+    if not is_dithered(point, record.nominal):
+        return mean(point, False)
+    plain = _without_dithered(point)
+    return mean(point, True) - (mean(plain, True) - mean(plain, False))
+
+
+def _without_dithered(point: Point) -> Point:
+    hard = DITHERED | MAY_BE_DITHERED
+    return Point({n: v for n, v in point.effects.items() if n not in hard}, point.changes)
 
 
 def experiment_near(record: OpenRecord, near: Point) -> Experiment:
@@ -152,7 +183,8 @@ class Predictor:
         e = self.record.experiment
         kind = controller_kind(e.gains, 1 / e.rig.control_rate)
         of_rig = e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
-        return kind, e.speed_rpm, *of_rig, unseen_by(self.record), substeps_of(self.record)
+        repeats = self.replay is None  # else dithered lanes have several noises
+        return kind, e.speed_rpm, *of_rig, unseen_by(self.record), substeps_of(self.record), repeats
 
     @property
     def middle(self) -> float:
@@ -196,7 +228,7 @@ def residuals(
         Of each record (n, outputs, axes, lines); nan where the rotor touches down.
     """
     if predictors[0].replay is not None:
-        found = _replayed(predictors, lanes)
+        found = _replayed(predictors, lanes, dithered)
         return [own - _of_noise(p) for p, own in zip(predictors, found, strict=True)] if dithered else found
     e = predictors[0].record.experiment
     needed = max(*(p.transient for p in predictors), ceil(settling * predictors[0].record.nominal.control_rate))
@@ -216,17 +248,18 @@ def residuals(
     ]
 
 
-def _replayed(predictors: Sequence[Predictor], lanes: list[Block]) -> list[np.ndarray]:
-    return coordinates_of_lanes([p.replay for p in predictors if p.replay is not None], lanes)
+def _replayed(predictors: Sequence[Predictor], lanes: list[Block], dithered: bool) -> list[np.ndarray]:
+    """Coordinates (n, outputs, axes, lines) of every point; of dithered lanes the mean over the noises of each."""
+    found = coordinates_of_lanes([p.replay for p in predictors if p.replay is not None], lanes)
+    return [own.reshape(-1, NOISES, *own.shape[1:]).mean(axis=1) for own in found] if dithered else found
 
 
 def _of_noise(p: Predictor) -> np.ndarray:
     """What the noise of dithered lanes adds (outputs, axes, n) where a record without a period was opened, without what
     it smooths; zero where the rotor falls there."""
     if 0 not in p.known:
-        hard = DITHERED | MAY_BE_DITHERED
-        plain = [Point({n: v for n, v in p.near.effects.items() if n not in hard}, p.near.changes)]
-        noisy, clean = (_replayed([p], p.lanes(plain, on))[0][0] for on in (True, False))
+        plain = [_without_dithered(p.near)]
+        noisy, clean = (_replayed([p], p.lanes(plain, on), on)[0][0] for on in (True, False))
         p.known[0] = np.nan_to_num(noisy - clean)
     return p.known[0]
 
@@ -280,8 +313,7 @@ def together(
     groups: dict[tuple[float, bool], list[int]] = {}
     for i, point in enumerate(points):
         lasts = float(steps[min(np.searchsorted(ends, settling(point)), steps.size - 1)])
-        dithered = dithering and (point.dithered or not DITHERED.isdisjoint(point.effects))
-        groups.setdefault((lasts, dithered), []).append(i)
+        groups.setdefault((lasts, dithering and point.smoothed), []).append(i)
     return sorted(groups.items())
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.compared.problem import Part
-from sim2real.compared.simulated import Point
-from sim2real.recorded.open_evidence import measured_series, simulated_series
+from sim2real.compared.simulated import Point, series_at
+from sim2real.recorded.open_evidence import measured_series
 from sim2real.recorded.open_record import OpenRecord
 
 BINS = 24  # of each quantity, with equally many samples
@@ -131,7 +131,7 @@ def open_residual(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray] | N
         touches down.
     """
     record, loop = part.record, part.predictor.replay.loop
-    series = simulated_series(record, part.predictor.lanes([point]))[0]
+    series = series_at(record, point)
     if not np.isfinite(series).all():
         return None
     off = measured_series(record) - series

@@ -10,7 +10,8 @@ from campaigns import planned, repeated
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import DITHERED, Point, together
+from sim2real.compared.simulated import DITHERED, Point, residuals, series_at, together
+from sim2real.recorded.open_evidence import coordinates_of
 from sim2real.recorded.records import read_records
 
 FREE = load_rig("hmb_free")
@@ -48,6 +49,23 @@ def test_without_a_period_noise_adds_nothing_but_what_a_play_makes_of_it(tmp_pat
     problem = assemble(records, near=truth)
     cost = np.sum(abs(problem.data - problem.simulate([truth])[0]) ** 2) / problem.data.size / 2
     assert cost < 1.3
+    for part in problem.parts:  # what is searched for tones is what is fitted
+        loop, outputs = part.predictor.replay.loop, part.opened.outputs
+        at = coordinates_of(part.record, loop, outputs, series_at(part.record, truth))
+        (fitted,) = residuals([part.predictor], part.predictor.lanes([truth], True), dithered=True)[0]
+        assert np.linalg.norm((at - fitted) / part.noise) < 1e-6 * np.linalg.norm(fitted / part.noise)
     if play:
         (plain,) = problem.simulate([Point({}, {})])
         assert np.sum(abs(problem.data - plain) ** 2) / problem.data.size / 2 > 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_chance_of_the_simulated_noise_is_averaged(tmp_path, seed):
+    """One noise of the bench's size makes another tenth of the cost at the truth."""
+    play = 5e-6
+    _, records = read_records(write_campaign(tmp_path, Bench(play=play), {"noise": "fit", "steps": "fit"}, 2.0, seed))
+    truth = Point(effect("probe_backlash", play), {})
+    problem = assemble(records, near=truth)
+    cost = np.sum(abs(problem.data - problem.simulate([truth])[0]) ** 2) / problem.data.size / 2
+    assert cost == pytest.approx(0.98, abs=0.04)
