@@ -211,6 +211,10 @@ def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
             return piece(lambda x, k, y, v, y1, v1: whole(x, k, y, v, y1, v1) + by_other(x, k))
         return piece(lambda x, k, moved, pushed: whole(x, k, moved, pushed) + by_other(x, k))
 
+    @piece
+    def unfelt(x, k, y, v):
+        return sensor.unfelt(x, k, mechanics.spring(x, k, y) + mechanics.damping(x, k, v))
+
     row = 4 * W
     return {
         "z1_next": bent(sensor.z1_next, 4, sensor.BEND, sensor.CROSS_BEND),
@@ -221,6 +225,7 @@ def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
         ),
         "z1_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN), 2),
         "z2_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN + row), 2),
+        "unfelt": lift.each(unfelt, 2),
         "store_reading": lift.each(sensor.store_reading(s.sensor_poles), 2),
         "store_mount": lift.each(sensor.store_mount, 2),
         "turn_pointers": lift.each(_turn_all if s.further else sensor.turn_pointers, 0),

@@ -114,15 +114,12 @@ def support(system: System, values: Values) -> np.ndarray:
 
     The bristles of friction that sticks act as a spring in series with the viscous slip.
     """
-    position, velocity = (system.signal(name) for name in MOTION)
-    stiffness = values.rig("support_stiffness") * (1 + values.effect("support_stiffness"))
-    damping = values.rig("support_damping") + values.effect("damping") + values.effect("friction", "viscous")
+    velocity = system.signal(MOTION[1])
     rub, slip, presliding, static = (
         values.effect("friction", key) for key in ("force", "velocity", "presliding", "static")
     )
     sticks = presliding > 0
-    damping = damping + np.where(sticks, 0.0, rub / slip)
-    smooth = -stiffness[:, None] * position - damping[:, None] * velocity
+    smooth = springs(system, values) - np.where(sticks, 0.0, rub / slip)[:, None] * velocity
     if system.without(("bristle",), sticks):
         return smooth
     bent = system.signal("bristle")
@@ -130,6 +127,14 @@ def support(system: System, values: Values) -> np.ndarray:
     system.put("bristle", (velocity - (slip / static)[:, None] * bent) / gives_way, sticks)
     springing = np.where(sticks, rub, 0.0)
     return smooth - springing[:, None] * bent
+
+
+def springs(system: System, values: Values) -> np.ndarray:
+    """Signal of the force (N) by the support's spring and damper."""
+    position, velocity = (system.signal(name) for name in MOTION)
+    stiffness = values.rig("support_stiffness") * (1 + values.effect("support_stiffness"))
+    damping = values.rig("support_damping") + values.effect("damping") + values.effect("friction", "viscous")
+    return -stiffness[:, None] * position - damping[:, None] * velocity
 
 
 def motion(system: System, values: Values, acceleration: np.ndarray) -> None:

@@ -36,8 +36,10 @@ EFFECTS: Mapping[str, EffectCard] = {
             "frequency": RESONANCE_FREQUENCY,
             "damping_ratio": RESONANCE_DAMPING,
             "coupling": Parameter("", -0.5, 0.5, 0.05, scale=0.02, starts=(0.01,)),
+            "support_share": Parameter("", 0.0, 1.0, 1.0, scale=1.0, shape=1.0, needs=("support",)),
         },
-        "the probe's mount moves with the bearing's reaction, as a second-order mode (D 7.2)",
+        "the probe's mount moves with the bearing's reaction, as a second-order mode (D 7.2); in other forms it feels "
+        "a smaller share of what the support's spring and damper make, or the magnets alone",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
@@ -71,7 +73,9 @@ MOUNT, PROBE = ("mount", "mount_velocity"), ("probe", "probe_lag")
 STATES = (*MOUNT, *PROBE)
 
 
-def reading(system: System, values: Values, displacement: np.ndarray, bearing: np.ndarray) -> np.ndarray:
+def reading(
+    system: System, values: Values, displacement: np.ndarray, bearing: np.ndarray, support: np.ndarray | float = 0.0
+) -> np.ndarray:
     """The displacement that the probe reads, before its gain, with the motion of its mount.
 
     Args:
@@ -79,6 +83,7 @@ def reading(system: System, values: Values, displacement: np.ndarray, bearing: n
         values: of its lanes.
         displacement: signal of the rotor's displacement, m.
         bearing: signal of the rotor's acceleration by the bearing, m per unit of time squared.
+        support: signal of the part of it that the support's spring and damper make.
 
     Returns:
         Signal of the displacement read, m.
@@ -89,7 +94,8 @@ def reading(system: System, values: Values, displacement: np.ndarray, bearing: n
         return probe(system, values, displacement)
     returning = system.oscillator(MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"))
     position, velocity = MOUNT
-    system.put(velocity, returning - coupling[:, None] * bearing)
+    unfelt = 1 - values.effect("sensor_resonance", "support_share")
+    system.put(velocity, returning - coupling[:, None] * (bearing - unfelt[:, None] * support))
     system.there[:, system.at(*MOUNT)] = there[:, None]
     return probe(system, values, displacement - system.signal(position))
 
@@ -110,8 +116,9 @@ PROBE_COUNTS, COUNT_MAX, PER_COUNT, ROUNDS, NOISE, CROSS_SENSOR, CUBIC, BEND, CR
 # The probe's mount: MOUNT_Y, MOUNT_V its position and velocity. MOUNT_NEXT: coefficients for both at the end of the
 # step, MOUNT_SEEN: for their contribution to z1 and z2, of (position, velocity, change of the mover's position and of
 # its velocity by the bearing). MOUNT_BEND, MOUNT_CROSS: as BEND and CROSS_BEND, for the mount.
-MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, _TONES = rows_after(
-    _MOUNT, "MOUNT_Y MOUNT_V MOUNT_NEXT[8] MOUNT_SEEN[8] MOUNT_BEND[8] MOUNT_CROSS[8]"
+# UNFELT: share of the support's reaction that does not move it.
+MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, UNFELT, _TONES = rows_after(
+    _MOUNT, "MOUNT_Y MOUNT_V MOUNT_NEXT[8] MOUNT_SEEN[8] MOUNT_BEND[8] MOUNT_CROSS[8] UNFELT"
 )
 # Two rotating pointers (cosine, sine): the shaft's with the runout's phase and the mains' with the pickup's. TURN:
 # their rotation in a step. RUNOUT, PICKUP: amplitudes of three harmonics each.
@@ -207,6 +214,12 @@ def store_reading(poles: int) -> Callable:
         return 0.0
 
     return store
+
+
+@piece
+def unfelt(x, k, slowed):
+    """What a deceleration by the support lacks where the mount does not feel it."""
+    return x[k + UNFELT] * slowed
 
 
 @piece

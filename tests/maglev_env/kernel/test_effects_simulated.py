@@ -181,6 +181,16 @@ def test_ripple_does_to_hysteresis_what_noise_in_the_current_does_in_the_mean():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 0.6])
+def test_a_mount_that_feels_less_of_the_support_is_what_the_equations_say(share):
+    e, felt = ideal("hmb_radial", axis=0), effect("sensor_resonance", 300.0, coupling=0.1)
+    less = effect("sensor_resonance", 300.0, coupling=0.1, support_share=share)
+    errors, change = worst_error_of_change(e, {**ALL_FORMS, **less}, {**ALL_FORMS, **felt}, 40, [1, 2])
+    assert change > 1e-4
+    assert errors[0] < 2e-5 and errors[1] < errors[0] / 3
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("substeps, tolerance", [(1, 1e-6), (2, 1e-7)])
 def test_a_coupled_x_y_rig_with_every_smooth_effect_agrees_with_a_tight_solve_ivp(substeps, tolerance):
     rig = replace(load_rig("hmb_radial"), cross=Cross(300.0, -200.0, 1.0, -2.0, 0.3, -0.2, 0.02, -0.03))
