@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.recordings.files import Columns
-from maglev_env.recordings.formats.file_formats import columns_of
+from maglev_env.recordings.formats.file_formats import columns_of, fields_of
 from maglev_env.recordings.masking import bridged
 from maglev_env.recordings.missing_readings import garbled_stamps
 
@@ -64,6 +64,12 @@ def contents(columns: Columns) -> Contents:
     found, numbers, texts, unused = _everything(columns)
     lengths = [values.size for values in found.values() if values.size >= _LEAST]
     if not lengths:
+        if len(columns.positions) > 10 * _LEAST:
+            longest = max((values.size for values in found.values()), default=0)
+            raise ValueError(
+                f"{columns.path}: {len(columns.positions)} columns of at most {longest} numbers: if each of its lines "
+                "is a channel, transpose it, so that each column is one"
+            )
         raise ValueError(
             f"{columns.path}: no column of at least 8 numbers in it; names: {', '.join(columns.names[:30])}"
         )
@@ -163,6 +169,8 @@ def _below(columns: Columns, expression: str, depth: int, unused: list[str]) -> 
     except ValueError as error:  # a text among the numbers of a column, a link that leads out of the file
         unused.append(str(error).removeprefix(f"{columns.path}: "))
         return
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        value = fields_of(value)
     if isinstance(value, str):
         yield expression, value
     elif isinstance(value, np.ndarray) and value.dtype.kind in "US" and value.size <= _MOST_COLUMNS:

@@ -1,4 +1,4 @@
-"""Data files: columns read from .mat (v5, v7.3), text, JSON lines, .npz, .npy, .h5 and .nc, and written atomically."""
+"""Data files: columns read from .mat (v5, v7.3), text, JSON, .npz, .npy, .h5 and .nc, and written atomically."""
 
 import os
 import re
@@ -12,15 +12,16 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from maglev_env.recordings.formats import file_formats as formats
+from maglev_env.recordings.formats.json_file import open_json
 from maglev_env.recordings.formats.json_lines import open_json_lines
 from maglev_env.recordings.formats.text_files import open_text
 from maglev_env.recordings.formats.text_layout import TextLayout
 
 TEXT = (".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".prn", ".tab")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nc")
-JSON_LINES = (".jsonl", ".ndjson")
+JSON = (".json", ".jsonl", ".ndjson")
 NUMPY = (".npz", ".npy")
-SUFFIXES = (".mat", *TEXT, *JSON_LINES, *NUMPY, *HDF5)
+SUFFIXES = (".mat", *TEXT, *JSON, *NUMPY, *HDF5)
 # Files of measurements that are not read, and what to do with them.
 SAVE_AS = {
     **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), "save the sheet as CSV"),
@@ -98,7 +99,7 @@ def is_data_file(path: Path) -> bool:
 
 
 def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
-    """Open a data file by its suffix: .mat (v5 or v7.3), text (TEXT), JSON lines, .npz, .npy, HDF5 (netCDF 4 too).
+    """Open a data file by its suffix: .mat (v5 or v7.3), text (TEXT), JSON, .npz, .npy, HDF5 (netCDF 4 too).
 
     Args:
         path: The file.
@@ -130,8 +131,8 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
         if kind in TEXT:
             text = open_text(path, layout or TextLayout())
             return Columns(path, text.names, text.read, text.positions, text.notes, text.headers, text.numbers)
-        if kind in JSON_LINES:
-            names, read, notes = open_json_lines(path)
+        if kind in JSON:
+            names, read, notes = open_json(path) if kind == ".json" else open_json_lines(path)
             return Columns(path, names, read, notes=notes)
         opened = {".mat": formats.open_mat5, ".npz": formats.open_npz, ".npy": formats.open_npy}
         return Columns(path, *opened[kind](path))

@@ -59,6 +59,8 @@ def follow(value: Any, steps: Steps, open_level: Callable[[Any], Any] = lambda v
     """Follow steps through structs (dict), struct or cell arrays (list) and matrix columns (ndarray)."""
     value = open_level(value)
     for step in steps:
+        if isinstance(value, np.ndarray) and value.dtype.names:
+            value = fields_of(value)
         if isinstance(value, str) or (isinstance(step, str) and isinstance(value, np.ndarray)):
             raise Refused(f"there is nothing below the values where {step!r} is asked for")
         if isinstance(step, str):
@@ -88,8 +90,15 @@ def columns_of(value: np.ndarray) -> np.ndarray:
     return value.T if value.ndim == 2 and min(value.shape) > 1 and value.shape[1] > value.shape[0] else value
 
 
+def fields_of(value: np.ndarray) -> dict[str, np.ndarray]:
+    """An array of records as a struct of its fields."""
+    return {name: value[name] for name in value.dtype.names or ()}
+
+
 def vector(value: Any) -> np.ndarray:
     """The value as float64 (samples,); Refused unless it is one non-empty row or column of real numbers."""
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        value = fields_of(value)
     if isinstance(value, dict):
         raise Refused(f"is a struct; choose a field of it: {', '.join(value)}")
     if isinstance(value, list):

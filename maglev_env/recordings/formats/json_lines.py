@@ -16,30 +16,41 @@ _MOST_NAMES, _LONGEST = 200, 65536  # columns, and characters of a line
 
 
 def open_json_lines(path: Path) -> tuple[tuple[str, ...], Reader, tuple[str, ...]]:
-    """Names of the values, their reader, and what was told from the file.
-
-    A value that a line lacks, and every value of a line that is no object, is nan. Texts that are a time of day, also
-    behind a date, are read in seconds.
+    """Names of the values, their reader, and what was told from the file; every line is a sample, see `open_objects`.
 
     Raises:
         Refused: No line is an object with a number in it, or too many are none.
     """
-    unread = UnreadCells()
-    rows: list[dict[str, Any]] = []
+    found: list[tuple[int, Any]] = []
     with path.open(encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, 1):
             if not line.strip():
                 continue
-            if len(rows) == MAX_SAMPLES:
+            if len(found) == MAX_SAMPLES:
                 raise Refused(f"it has more than {MAX_SAMPLES} lines; split the recording")
             try:
                 value = json.loads(line[:_LONGEST])
             except (ValueError, RecursionError):
                 value = None
-            if not isinstance(value, dict):
-                unread.lines.append(f"line {number} (sample {len(rows)}) holds no object of JSON")
-                value = {}
-            rows.append(dict(_flat(value)))
+            found.append((number, value))
+    return open_objects(found)
+
+
+def open_objects(samples: list[tuple[int, Any]]) -> tuple[tuple[str, ...], Reader, tuple[str, ...]]:
+    """Names of the values, their reader, and what was told, of numbered objects with one for each sample.
+
+    A value that one lacks, and every value of what is no object, is nan. Texts that are a time of day, also behind a
+    date, are read in seconds.
+
+    Raises:
+        Refused: As `open_json_lines`.
+    """
+    unread = UnreadCells()
+    rows: list[dict[str, Any]] = []
+    for number, value in samples:
+        if not isinstance(value, dict):
+            unread.lines.append(f"line {number} (sample {len(rows)}) holds no object of JSON")
+        rows.append(dict(_flat(value)) if isinstance(value, dict) else {})
     names = list(dict.fromkeys(name for row in rows for name in row))[:_MOST_NAMES]
     if not names:
         raise Refused("none of its lines is an object of JSON with values in it")

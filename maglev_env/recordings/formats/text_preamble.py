@@ -4,8 +4,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-_NAMES = re.compile(r"(symbol|channel|signal)?[ _]?(name|label)s?|bezeichnung", re.IGNORECASE)
-_UNITS = re.compile(r"(y|vertical|signal|channel)?[ _]?(units?|einheit(en)?)([ _]label)?", re.IGNORECASE)
+from maglev_env.recordings.formats.stamps import time_of_day
+
+_NAMES = re.compile(r"(symbol|channel|signal|trace)?[ _]?(name|label)s?|bezeichnung", re.IGNORECASE)
+_UNITS = re.compile(r"(y|v|vertical|signal|channel)?[ _]?(units?|einheit(en)?)([ _]label)?", re.IGNORECASE)
 _NUMBERED = re.compile(r"[A-Za-z]{2,8}[ _]?\d+|\d+")  # "CH1", "Channel 2": says which input, not what was measured
 _UNIT = re.compile(
     r"[\[(].*[\])]||-|1|%|[kmuµμn]?(s|m|A|V|N|Hz|W|Nm|T|rad|g|Ohm|Ω)|m?m/s(\^?2|²)?|rad/s|rpm|sec|deg|°|K|°C|C"
@@ -55,8 +57,9 @@ def read_preamble(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: 
             labels = ["" if cell == key else cell for cell in own]
         elif _UNITS.fullmatch(key):
             units = ["" if cell == key else cell for cell in own]
-    if all(map(is_unit, names)):  # no line of names stands above the units
-        names = [""] * columns
+    beside = [name for name in names if not _UNITS.fullmatch(name)]
+    if all(map(is_unit, beside)) or all(not name or time_of_day(name) is not None for name in names[1:]):
+        names = [""] * columns  # what stands above the numbers are units, or when each channel began
     headers = [
         _with_unit(label if label and (not name or _NUMBERED.fullmatch(name)) else name, unit)
         for name, label, unit in zip(names, labels, units, strict=True)

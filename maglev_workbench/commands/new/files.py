@@ -28,6 +28,8 @@ def data_files(sources: Sequence[Path]) -> list[Path]:
         if source.is_dir():
             inside = sorted(p for p in source.iterdir() if p.is_file() and p.suffix.lower() in (*SUFFIXES, *SAVE_AS))
             inside = [p for p in inside if not _of_parts(p, inside)]
+            # Beside data of another kind, it is more often settings or results.
+            inside = [p for p in inside if p.suffix.lower() != ".json"] or inside
             if not inside:
                 raise ValueError(f"{source} holds no data file ({', '.join(SUFFIXES)})")
             found += inside
