@@ -28,7 +28,7 @@ from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real import diagnose
-from sim2real.compared.simulated import Point, experiment_at, tolerances
+from sim2real.compared.point import Point, experiment_at, tolerances
 
 RIG = "hmb_free"
 POOR = (("displacement", "force"), ("displacement", "injection"))  # channels of the first recording

@@ -14,8 +14,8 @@ from scipy import stats
 from maglev_env.loop.axes import AXES
 from maglev_env.rig.rig import Rig
 from sim2real.coefficients import Coefficient, coefficients_alone, coefficients_of, misfit
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import Point
 from sim2real.search.fit import Fit, cost_of
 from sim2real.search.fitting import differentiate, iterate
 from sim2real.words import quantity

@@ -8,7 +8,7 @@ from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.files import write_text_atomic
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_toml import rig_toml
-from sim2real.compared.simulated import experiment_at
+from sim2real.compared.point import experiment_at
 from sim2real.report import corrections, sentence
 from sim2real.result import Diagnosis
 from sim2real.words import AT_BOUND

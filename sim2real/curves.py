@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.loop.axes import AXES
+from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import Part
-from sim2real.compared.simulated import Point
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.result import Diagnosis
 from sim2real.search.hypotheses import TONES
@@ -53,7 +53,7 @@ def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
         shown = _shown(part)
         if all(key in found for key in shown):
             continue
-        nominal, after = part.predictor([Point({}, {}), lines])
+        nominal, after = part.predictor([NOMINAL, lines])
         for (kind, axis), on in shown.items():
             if (kind, axis) not in found:
                 found[kind, axis] = _curve(part, kind, axis, on, nominal, after)

@@ -14,8 +14,8 @@ from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
 from sim2real.compared.drift import DRIFT, Drift, drift_of
 from sim2real.compared.open_tones import toned
+from sim2real.compared.point import NOMINAL, Point, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
-from sim2real.compared.simulated import Point, unseen_by_all
 from sim2real.compared.standing import standing
 from sim2real.free.correction import free_correction
 from sim2real.gap.leftover import leftover
@@ -202,7 +202,7 @@ def _corrected(
 ) -> Point:
     """The candidate's point, with the tones and the drift added to its effects."""
     if not np.isfinite(candidate.fit.cost):
-        return Point({}, {})
+        return NOMINAL
     point = candidate.fit.hypothesis.point(candidate.fit.u)
     tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
     if drift is not None and drift.shown and DRIFTING in effects and DRIFTING not in point.effects:

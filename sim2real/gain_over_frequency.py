@@ -19,8 +19,8 @@ import numpy as np
 
 from estimation.apparent_gain import TOLD, ApparentGain, BandGain, edges
 from estimation.lines.line_windows import WIDTH
+from sim2real.compared.point import Point, experiment_at
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point, experiment_at
 from sim2real.judgement.nonstationary import whiteness
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_evidence import measured_series, simulated_series

@@ -8,8 +8,8 @@ import numpy as np
 from maglev_env.loop.effect import meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.coefficients import UNITS, misfit
+from sim2real.compared.point import tolerances, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
-from sim2real.compared.simulated import tolerances, unseen_by_all
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_evidence import exact_errors

@@ -13,8 +13,8 @@ from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.next_experiment import Proposal
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import Point
 from sim2real.free.correction import Free
 from sim2real.gap.leftover import Leftover
 from sim2real.gap.locate import Where

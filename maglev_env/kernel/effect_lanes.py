@@ -7,7 +7,17 @@ from maglev_env.loop import actuator, saturation
 from maglev_env.loop.amplifier import NEXT, NODES
 from maglev_env.loop.eddy import BRANCHES, EDDY_COMMANDS, EDDY_NEXT, EDDY_NODES
 from maglev_env.loop.effect import EFFECTS
-from maglev_env.loop.sensor import BEND, CROSS_BEND, CUBIC, MOUNT_BEND, MOUNT_CROSS, MOUNT_NEXT, MOUNT_SEEN, UNFELT
+from maglev_env.loop.sensor import (
+    BEND,
+    BESIDE,
+    CROSS_BEND,
+    CUBIC,
+    MOUNT_BEND,
+    MOUNT_CROSS,
+    MOUNT_NEXT,
+    MOUNT_SEEN,
+    UNFELT,
+)
 from maglev_env.loop.system import Values
 from maglev_lanes.layout import LaneRows
 
@@ -31,6 +41,7 @@ def write_flexible(x: LaneRows, values: Values, h: np.ndarray, switch: np.ndarra
     probe, maps = probe_map(values, h), current_maps(values, values, h, switch / h)
     x[MOUNT_NEXT], x[MOUNT_SEEN] = _rows(probe[:, :2, 2:6]), _rows(probe[:, 2:, 2:6])
     x[UNFELT] = 1 - values.effect("sensor_resonance", "support_share")
+    x[BESIDE] = values.effect("sensor_resonance", "outside_share")
     x[CUBIC] = _rows(probe[:, 2:, [0, 1, 6, 7, 8, 9]])
     nodes, bent = maps.nodes * gain_scale[:, None, None], bend(maps, probe, pull * h**2)
     x[NODES], x[EDDY_NODES] = _rows(nodes[:, :, _CARRIED]), _rows(nodes[:, :, _E:_U].swapaxes(1, 2))

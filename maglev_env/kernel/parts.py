@@ -211,9 +211,12 @@ def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
             return piece(lambda x, k, y, v, y1, v1: whole(x, k, y, v, y1, v1) + by_other(x, k))
         return piece(lambda x, k, moved, pushed: whole(x, k, moved, pushed) + by_other(x, k))
 
+    supported = s.supported
+
     @piece
-    def unfelt(x, k, y, v):
-        return sensor.unfelt(x, k, mechanics.spring(x, k, y) + mechanics.damping(x, k, v))
+    def felt_too(x, k, y, v, outside):
+        slowed = mechanics.spring(x, k, y) + mechanics.damping(x, k, v) if supported else 0.0
+        return sensor.felt_too(x, k, slowed, outside)
 
     row = 4 * W
     return {
@@ -225,7 +228,7 @@ def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
         ),
         "z1_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN), 2),
         "z2_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN + row), 2),
-        "unfelt": lift.each(unfelt, 2),
+        "felt_too": lift.each(felt_too, 3),
         "store_reading": lift.each(sensor.store_reading(s.sensor_poles), 2),
         "store_mount": lift.each(sensor.store_mount, 2),
         "turn_pointers": lift.each(_turn_all if s.further else sensor.turn_pointers, 0),

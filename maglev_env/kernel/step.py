@@ -21,7 +21,6 @@ def move_piece(s: Structure, lanes: int = W) -> Callable:
     """
     p = parts(s)
     flexible, sticking, probed, poles = s.flexible, s.sticking, s.sensed is None, s.sensor_poles
-    partly_felt = s.shaped and s.supported
     pushed_by, position, velocity, bristles, deflect, friction = (
         p.pushed, p.position, p.velocity, p.bristles, p.deflect_bristles, p.friction,
     )  # fmt: skip
@@ -31,7 +30,7 @@ def move_piece(s: Structure, lanes: int = W) -> Callable:
     y_middle, v_middle, y_end, v_end, y_next, v_next = p.y_middle, p.v_middle, p.y_end, p.v_end, p.y_next, p.v_next
     x1_next, x2_next, held_next, z1_next, z2_next = p.x1_next, p.x2_next, p.held_next, p.z1_next, p.z2_next
     mount_next, mount_v_next, z1_by_mount, z2_by_mount = p.mount_next, p.mount_v_next, p.z1_by_mount, p.z2_by_mount
-    unfelt = p.unfelt
+    shaped, felt_too = s.shaped, p.felt_too
     store_reading, store_mount, store_current, store_body = (
         p.store_reading, p.store_mount, p.store_current, p.store_body,
     )  # fmt: skip
@@ -68,9 +67,10 @@ def move_piece(s: Structure, lanes: int = W) -> Callable:
                 z1, z2 = z1_next(x, k, y, v, y1, v1), z2_next(x, k, y, v, y1, v1)
                 if flexible:
                     f1, fm, f4 = a1, am, a4  # what the mount feels of them
-                    if partly_felt:
+                    if shaped:
                         vm = v_middle(x, k, v, a2 + pm)
-                        f1, fm, f4 = a1 + unfelt(x, k, y, v), am + unfelt(x, k, ym, vm), a4 + unfelt(x, k, ye, ve)
+                        f1, fm = a1 + felt_too(x, k, y, v, p0), am + felt_too(x, k, ym, vm, pm)
+                        f4 = a4 + felt_too(x, k, ye, ve, p1)
                     moved, pushed = SIXTH * (f1 + 2.0 * fm), SIXTH * (f1 + 4.0 * fm + f4)
                     z1 = z1 + z1_by_mount(x, k, moved, pushed)
                     z2 = z2 + z2_by_mount(x, k, moved, pushed)

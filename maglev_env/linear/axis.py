@@ -39,7 +39,7 @@ def linear_axis(e: Experiment) -> LinearAxis:
 
     Free corrections count as linearised over their range. Voltage limit, runout, pickup and unbalance have no linear
     part. The reaction to the bearing's force (magnets, support, friction and the coupling to another axis) moves the
-    probe's mount, unless its form says that it feels less of the support; the held force and the second body do not.
+    probe's mount; the held force and the second body do not, unless the form of its resonance says otherwise.
     """
     values, sensors = lane_values([e]), self_sensors(e)
     reading_states = self_sensor.STATES if sensors else sensor.STATES
@@ -61,12 +61,12 @@ def linear_axis(e: Experiment) -> LinearAxis:
     if freely:
         pushed = pushed - free.linear(system, values, "free_spring", position)
         pushed = pushed - free.linear(system, values, "free_damper", system.signal(mechanics.MOTION[1]))
-    springs = mechanics.springs(system, values) / values.mass[:, None]
-    mechanics.motion(system, values, bearing + held / values.mass[:, None])
+    springs, outside = mechanics.springs(system, values) / values.mass[:, None], held / values.mass[:, None]
+    mechanics.motion(system, values, bearing + outside)
     if sensors:
         reading = self_sensor.reading(system, sensors, position)
     else:
-        reading = corrected("free_reading", sensor.reading(system, values, position, bearing, springs))
+        reading = corrected("free_reading", sensor.reading(system, values, position, bearing, springs, outside))
 
     driven = system.a[0, :, -1]
     rates = system.a[0] + np.outer(driven, pushed[0] / values.mass)

@@ -37,9 +37,11 @@ EFFECTS: Mapping[str, EffectCard] = {
             "damping_ratio": RESONANCE_DAMPING,
             "coupling": Parameter("", -0.5, 0.5, 0.05, scale=0.02, starts=(0.01,)),
             "support_share": Parameter("", 0.0, 1.0, 1.0, scale=1.0, shape=1.0, needs=("support",)),
+            "outside_share": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=1.0),
         },
         "the probe's mount moves with the bearing's reaction, as a second-order mode (D 7.2); in other forms it feels "
-        "a smaller share of what the support's spring and damper make, or the magnets alone",
+        "a smaller share of what the support's spring and damper make, or also forces from outside: with all of both "
+        "it moves as the rotor is accelerated",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
@@ -74,7 +76,12 @@ STATES = (*MOUNT, *PROBE)
 
 
 def reading(
-    system: System, values: Values, displacement: np.ndarray, bearing: np.ndarray, support: np.ndarray | float = 0.0
+    system: System,
+    values: Values,
+    displacement: np.ndarray,
+    bearing: np.ndarray,
+    support: np.ndarray | float = 0.0,
+    outside: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """The displacement that the probe reads, before its gain, with the motion of its mount.
 
@@ -84,6 +91,7 @@ def reading(
         displacement: signal of the rotor's displacement, m.
         bearing: signal of the rotor's acceleration by the bearing, m per unit of time squared.
         support: signal of the part of it that the support's spring and damper make.
+        outside: signal of the rotor's acceleration by forces from outside.
 
     Returns:
         Signal of the displacement read, m.
@@ -94,8 +102,9 @@ def reading(
         return probe(system, values, displacement)
     returning = system.oscillator(MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"))
     position, velocity = MOUNT
-    unfelt = 1 - values.effect("sensor_resonance", "support_share")
-    system.put(velocity, returning - coupling[:, None] * (bearing - unfelt[:, None] * support))
+    feels, beside = (values.effect("sensor_resonance", key)[:, None] for key in ("support_share", "outside_share"))
+    felt = bearing - (1 - feels) * support + beside * outside
+    system.put(velocity, returning - coupling[:, None] * felt)
     system.there[:, system.at(*MOUNT)] = there[:, None]
     return probe(system, values, displacement - system.signal(position))
 
@@ -116,9 +125,9 @@ PROBE_COUNTS, COUNT_MAX, PER_COUNT, ROUNDS, NOISE, CROSS_SENSOR, CUBIC, BEND, CR
 # The probe's mount: MOUNT_Y, MOUNT_V its position and velocity. MOUNT_NEXT: coefficients for both at the end of the
 # step, MOUNT_SEEN: for their contribution to z1 and z2, of (position, velocity, change of the mover's position and of
 # its velocity by the bearing). MOUNT_BEND, MOUNT_CROSS: as BEND and CROSS_BEND, for the mount.
-# UNFELT: share of the support's reaction that does not move it.
-MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, UNFELT, _TONES = rows_after(
-    _MOUNT, "MOUNT_Y MOUNT_V MOUNT_NEXT[8] MOUNT_SEEN[8] MOUNT_BEND[8] MOUNT_CROSS[8] UNFELT"
+# UNFELT: share of the support's reaction that does not move it. BESIDE: share of the forces from outside that does.
+MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, UNFELT, BESIDE, _TONES = rows_after(
+    _MOUNT, "MOUNT_Y MOUNT_V MOUNT_NEXT[8] MOUNT_SEEN[8] MOUNT_BEND[8] MOUNT_CROSS[8] UNFELT BESIDE"
 )
 # Two rotating pointers (cosine, sine): the shaft's with the runout's phase and the mains' with the pickup's. TURN:
 # their rotation in a step. RUNOUT, PICKUP: amplitudes of three harmonics each.
@@ -217,9 +226,9 @@ def store_reading(poles: int) -> Callable:
 
 
 @piece
-def unfelt(x, k, slowed):
-    """What a deceleration by the support lacks where the mount does not feel it."""
-    return x[k + UNFELT] * slowed
+def felt_too(x, k, slowed, outside):
+    """What the mount feels beside the bearing: less of the deceleration by the support, more of forces from outside."""
+    return x[k + UNFELT] * slowed + x[k + BESIDE] * outside
 
 
 @piece

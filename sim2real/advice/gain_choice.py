@@ -12,7 +12,7 @@ from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gains import Controllers, Gains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
-from sim2real.compared.simulated import Point, experiment_at
+from sim2real.compared.point import Point, experiment_at
 
 FACTORS = tuple((kp, kd) for kp in (0.7, 1.0, 1.4) for kd in (0.7, 1.0, 1.4, 2.0))  # factors on the rig's kp and kd
 

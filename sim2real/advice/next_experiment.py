@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from sim2real.advice.recording_menu import Item, menu
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Part
-from sim2real.compared.simulated import Point, Predictor, predictor
+from sim2real.compared.simulated import Predictor, predictor
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.verdict import CLASS_SHARE
 from sim2real.recorded.open_evidence import Replay, opened_of

@@ -11,8 +11,9 @@ import numpy as np
 from scipy import stats
 
 from maglev_env.linear.poles import closed_loop_poles
+from sim2real.compared.point import Point, experiment_at
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import SETTLED, Point, experiment_at
+from sim2real.compared.simulated import SETTLED
 from sim2real.recorded.drifting import steady
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record

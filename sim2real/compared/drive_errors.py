@@ -7,7 +7,8 @@ import numpy as np
 
 from maglev_env.kernel.blocks import Block
 from maglev_env.loop.effect import EFFECTS, effect_value
-from sim2real.compared.simulated import Point, Predictor
+from sim2real.compared.point import Point
+from sim2real.compared.simulated import Predictor
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.open_evidence import SMALL, Replay, coordinates_of, exact_errors, redriven, simulated_series
 from sim2real.recorded.open_record import OpenRecord

@@ -18,7 +18,8 @@ from sim2real.compared.law_shape import (
     with_bent_law,
 )
 from sim2real.compared.open_tones import nuisance_columns
-from sim2real.compared.simulated import Point, Predictor, experiment_near, is_dithered, lanes_of, predictor, series_at
+from sim2real.compared.point import Point, is_dithered
+from sim2real.compared.simulated import Predictor, experiment_near, lanes_of, predictor, series_at
 from sim2real.recorded.channel_errors import changes
 from sim2real.recorded.drive.anchored import anchored
 from sim2real.recorded.drive.quiet import quiet

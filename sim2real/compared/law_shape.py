@@ -20,7 +20,7 @@ from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.rig.rig import Rig, axis_rig, with_parameters
-from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
+from sim2real.compared.point import TOLERANCE_EFFECTS, Point
 from sim2real.recorded.along_motion import NEAREST
 from sim2real.recorded.at_rest.static_evidence import can_rest
 from sim2real.recorded.open_record import OpenRecord

@@ -19,7 +19,8 @@ from estimation.lines.tones import FALSE_ALARM, MOST, Tone
 from maglev_env.experiment import Experiment
 from maglev_env.linear.poles import closed_loop_poles
 from sim2real.compared.distortion import COMMON, distorted
-from sim2real.compared.simulated import Point, experiment_near, series_at
+from sim2real.compared.point import NOMINAL, Point
+from sim2real.compared.simulated import experiment_near, series_at
 from sim2real.recorded.open_evidence import measured_series
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
@@ -33,7 +34,6 @@ SAME_TONE = 0.03  # lines within which a tone that is found again has the freque
 FINE = 0.5  # lines between frequencies that are tried
 SLOWEST = 4.0  # turns in a record below which a drift may pass for a tone, and for the same one in two records
 XATOL = {"xatol": 1e-3}  # lines to which the frequency of a tone is refined
-NOMINAL = Point({}, {})
 UNKNOWN_SIZE = 10.0  # times the size found, within which the tone that a fit takes out may lie
 
 

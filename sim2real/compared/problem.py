@@ -13,7 +13,8 @@ from sim2real.compared.bench_noise import NO_BOUND, BenchNoise
 from sim2real.compared.evidence import evidence_of, measured_at
 from sim2real.compared.law_shape import shows_shape
 from sim2real.compared.line_kinds import KINDS, informative, line_kinds
-from sim2real.compared.simulated import Point, Predictor, experiment_at, residuals, together
+from sim2real.compared.point import NOMINAL, Point, experiment_at, together
+from sim2real.compared.simulated import Predictor, residuals
 from sim2real.compared.tolerance_forms import form_nuisances
 from sim2real.recorded.at_rest.static_evidence import StaticEstimate, coefficients_at, static_of
 from sim2real.recorded.drifting import DRIFTING
@@ -276,7 +277,7 @@ def assemble(
     }
     for i, record in enumerate(records):
         used = informative(record) if lines is None else lines[i]
-        evidence = evidence_of(record, near or Point({}, {}), errors, for_estimate)
+        evidence = evidence_of(record, near or NOMINAL, errors, for_estimate)
         unsure_of_all = isinstance(record, OpenRecord) and shows_shape(record)
         forms = form_nuisances(record.nominal, evidence.predictor, not unsure_of_all, for_estimate)
         unsure = {**evidence.nuisances, **forms}

@@ -1,8 +1,8 @@
 """What a hypothesis predicts for a campaign: its lanes are simulated with each recording's own waveforms and gains."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import ceil, log, pi
+from math import ceil, log
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from maglev_env.kernel.blocks import Block, prepared
 from maglev_env.kernel.controllers import controller_kind
 from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.poles import closed_loop_poles
-from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
-from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.rig import Rig
+from sim2real.compared.point import NOMINAL, Point, experiment_at, is_dithered, settling, unseen_by, without_dithered
 from sim2real.recorded.drifting import DRIFTING, steady
 from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes, simulated_series
 from sim2real.recorded.open_record import OpenRecord
@@ -20,82 +20,11 @@ from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
 from sim2real.recorded.ticks import substeps
 
-# A tolerance of one of these parameters is a small effect of the given name.
-TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
 SETTLED = 3e-5  # share of its initial size to which a transient must have decayed before the evaluated period
-RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
-LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 MOST_TRANSIENT = 12  # periods
-# Sensor noise smooths hard nonlinearities (dithering). These effects are simulated with the noise that the rig states,
-# averaged over DITHER_PERIODS, or over as many NOISES where nothing repeats, because the simulated noise is not that of
-# the record. Limits are always smoothed; hysteresis and friction are smoothed in some forms and not in others.
+# What noise smooths is simulated with the noise that the rig states, averaged over DITHER_PERIODS, or over as many
+# NOISES where nothing repeats, because the simulated noise is not that of the record.
 DITHER_PERIODS, NOISES = 6, 4
-DITHERED, MAY_BE_DITHERED = ({n for n, card in EFFECTS.items() if card.dither == how} for how in ("always", "maybe"))
-
-
-@dataclass(frozen=True)
-class Point:
-    """One set of parameters.
-
-    Attributes:
-        effects: Effects with their parameters.
-        changes: Relative changes of the nominal rig's parameters within their tolerance.
-        dithered: Whether sensor noise smooths the effects.
-    """
-
-    effects: Effects
-    changes: Mapping[str, float]
-    dithered: bool = False
-
-    @property
-    def smoothed(self) -> bool:
-        """Whether noise, where there is any, smooths its effects."""
-        return self.dithered or not DITHERED.isdisjoint(self.effects)
-
-
-def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = None) -> Experiment:
-    """The experiment on the rig that a point describes.
-
-    Args:
-        e: The experiment on the nominal rig.
-        point: The point.
-        made: Rigs by their changed parameters, to which new ones are added: many points differ in effects alone, and a
-            rig is checked when it is made.
-    """
-    made = {} if made is None else made
-    effects = {name: dict(values) for name, values in point.effects.items()}
-    parameters = {}
-    for name, change in point.changes.items():
-        known = TOLERANCE_EFFECTS.get(name)
-        if known is None:
-            parameters[name] = getattr(e.rig, name) * (1 + change)
-        elif known not in effects:
-            own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
-            effects[known] = {**e.rig.effects.get(known, {}), "change": own + change + own * change}
-    key = tuple(parameters.items())
-    if key not in made:
-        made[key] = with_parameters(e.rig, parameters) if parameters else e.rig
-    return replace(e, rig=made[key], effects=effects)
-
-
-def tolerances(rig: Rig) -> dict[str, float]:
-    """Relative 1-sigma tolerances of the rig that a simulation can represent."""
-
-    def simulated(name: str) -> bool:
-        effect_of = TOLERANCE_EFFECTS.get(name)  # it changes what the law gives, too, where the rig states no value
-        return bool(getattr(rig, name)) if effect_of is None else meaningful(effect_of, rig.capabilities)
-
-    return {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and simulated(name)}
-
-
-def unseen_by(record: Record | OpenRecord) -> frozenset[str]:
-    """Effects that act before what drives the record."""
-    return record.upstream if isinstance(record, OpenRecord) else frozenset()
-
-
-def unseen_by_all(records: Sequence[Record | OpenRecord]) -> frozenset[str]:
-    """Effects that act before what drives every one of the records."""
-    return frozenset.intersection(*map(unseen_by, records))
 
 
 def substeps_of(record: Record | OpenRecord) -> int:
@@ -116,11 +45,6 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
     return prepared(seeded, substeps_of(record))
 
 
-def is_dithered(point: Point, rig: Rig) -> bool:
-    """Whether the noise of a rig's sensor smooths what a point simulates."""
-    return rig.noise.displacement > 0 and point.smoothed
-
-
 def series_at(record: OpenRecord, point: Point) -> np.ndarray:
     """Displacement, current and command (3, axes, samples) of a simulation at a point, as noise smooths them; nan where
     the rotor touches down."""
@@ -130,13 +54,8 @@ def series_at(record: OpenRecord, point: Point) -> np.ndarray:
 
     if not is_dithered(point, record.nominal):
         return mean(point, False)
-    plain = _without_dithered(point)
+    plain = without_dithered(point)
     return mean(point, True) - (mean(plain, True) - mean(plain, False))
-
-
-def _without_dithered(point: Point) -> Point:
-    hard = DITHERED | MAY_BE_DITHERED
-    return Point({n: v for n, v in point.effects.items() if n not in hard}, point.changes)
 
 
 def experiment_near(record: OpenRecord, near: Point) -> Experiment:
@@ -175,7 +94,7 @@ class Predictor:
     replay: Replay | None = None
     lines: np.ndarray | None = None
     known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)
-    near: Point = Point({}, {})
+    near: Point = NOMINAL
 
     @property
     def kind(self) -> tuple:
@@ -237,7 +156,7 @@ def residuals(
     if dithered:
         new = [p for p in predictors if transient not in p.known]
         if new:
-            plain = [Point({}, {})]
+            plain = [NOMINAL]
             noisy, clean = (_spectra(new, new[0].lanes(plain, on), transient, dithered) for on in (True, False))
             for p, own, quiet in zip(new, noisy, clean, strict=True):
                 p.known[transient] = np.nan_to_num(own[0] - quiet[0])  # zero where the nominal rig does not levitate
@@ -258,7 +177,7 @@ def _of_noise(p: Predictor) -> np.ndarray:
     """What the noise of dithered lanes adds (outputs, axes, n) where a record without a period was opened, without what
     it smooths; zero where the rotor falls there."""
     if 0 not in p.known:
-        plain = [_without_dithered(p.near)]
+        plain = [without_dithered(p.near)]
         noisy, clean = (_replayed([p], p.lanes(plain, on), on)[0][0] for on in (True, False))
         p.known[0] = np.nan_to_num(noisy - clean)
     return p.known[0]
@@ -274,47 +193,6 @@ def _spectra(predictors: Sequence[Predictor], lanes: list[Block], transient: int
         DITHER_PERIODS if dithered else 1,
         any("amplifier" in p.opened.outputs for p in predictors),
     )
-
-
-def modes_of(point: Point) -> list[Mapping[str, float]]:
-    """Frequency and damping ratio of the second-order modes among a point's effects."""
-    found: list[Mapping[str, float]] = []
-    for name, values in point.effects.items():
-        if "damping_ratio" in values:
-            found.append(values)
-        if values.get("further_ratio"):
-            times, damping = (effect_value(point.effects, name, f"further_{key}") for key in ("frequency", "damping"))
-            found.append({"frequency": times * values["frequency"], "damping_ratio": damping})
-    return found
-
-
-def settling(point: Point) -> float:
-    """Ringing time of the slowest mode among a point's effects, s; 0 without a mode."""
-    rates = (2 * pi * mode["frequency"] * mode["damping_ratio"] for mode in modes_of(point))
-    return max((RUNG_OUT / rate for rate in rates), default=0.0)
-
-
-def together(
-    points: Sequence[Point], period: float, dithering: bool, anyway: float = 0.0
-) -> list[tuple[tuple[float, bool], list[int]]]:
-    """Points grouped by what can be simulated together.
-
-    Args:
-        points: The points.
-        period: Excitation period, s.
-        dithering: Whether the rig has sensor noise.
-        anyway: Time that all points are given to settle, s.
-
-    Returns:
-        ((settling time in s, whether noise dithers them), indices of the points) of each group.
-    """
-    steps = np.array(LASTING) * period
-    ends, steps = steps, np.where(steps <= anyway, 0.0, steps)
-    groups: dict[tuple[float, bool], list[int]] = {}
-    for i, point in enumerate(points):
-        lasts = float(steps[min(np.searchsorted(ends, settling(point)), steps.size - 1)])
-        groups.setdefault((lasts, dithering and point.smoothed), []).append(i)
-    return sorted(groups.items())
 
 
 def predictor(record: Record, opened: Opened) -> Predictor:

@@ -7,7 +7,8 @@ import numpy as np
 
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import LeftOut
-from sim2real.compared.simulated import Point, lanes_of
+from sim2real.compared.point import NOMINAL
+from sim2real.compared.simulated import lanes_of
 from sim2real.recorded.open_evidence import simulated_series
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
@@ -40,7 +41,7 @@ def standing(
     for record in records:
         if not isinstance(record, OpenRecord):
             continue
-        simulated = simulated_series(record, lanes_of(record, [Point({}, {})]))[0]
+        simulated = simulated_series(record, lanes_of(record, [NOMINAL]))[0]
         if not np.isfinite(simulated).all():
             left.append(LeftOut(record.name, "the nominal rig touches down in its simulation", INSTEAD))
         elif _rests(record, simulated[0]):

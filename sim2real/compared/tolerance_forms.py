@@ -19,7 +19,8 @@ import numpy as np
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.compared.simulated import Point, Predictor
+from sim2real.compared.point import NOMINAL, Point
+from sim2real.compared.simulated import Predictor
 
 GAIN, STIFFNESS, LAG = "actuator_gain", "negative_stiffness", "amplifier_time_constant"
 SECOND_POLE = 0.2  # share of a stated lag that is a second pole: one standard deviation of its form
@@ -41,7 +42,7 @@ def tolerance_forms(rig: Rig, law_is_sure: bool = True, lag_is_sure: bool = True
     found = {}
     if not lag_is_sure and rig.amplifier_time_constant and rig.tolerance.get(LAG) != 0.0:
         second = {"time_constant": SECOND_POLE * rig.amplifier_time_constant}
-        found[LAG] = Point({}, {}), Point({"amplifier_lag": second}, {LAG: -SECOND_POLE})
+        found[LAG] = NOMINAL, Point({"amplifier_lag": second}, {LAG: -SECOND_POLE})
     if sigma := rig.tolerance.get(GAIN, 0.0):
         found[GAIN] = Point({}, {GAIN: sigma}), Point({GAIN: {"change": sigma, "force_share": 1.0}}, {})
     law, sigma = force_law(axis_rig(rig, 0)), rig.tolerance.get(STIFFNESS, 0.0)

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import Point
 from sim2real.free import drawn as drawing
 from sim2real.free.drawn import Drawn, drawn
 from sim2real.free.fit import corrected, lacks, refined
@@ -148,6 +148,6 @@ def free_correction(
 
 def _beyond(judged: Problem, rival: Fit, fit: Fit, seed: int) -> tuple[float | None, tuple[float, float] | None]:
     """Share of what a rival leaves that a correction closes, with its 95 % interval."""
-    against = rival.hypothesis.point(rival.u) if np.isfinite(rival.cost) else Point({}, {})
+    against = rival.hypothesis.point(rival.u) if np.isfinite(rival.cost) else NOMINAL
     before, after = judged.data - judged.simulate([against, fit.hypothesis.point(fit.u)])
     return share_closed(before, after, seed)

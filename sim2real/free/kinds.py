@@ -10,8 +10,8 @@ from maglev_env.kernel.replay import replayed
 from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.loop.free.element import LINE, PLAYS, RELAXATIONS
 from maglev_env.loop.free.places import REMEMBERING
+from sim2real.compared.point import Point, unseen_by
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point, unseen_by
 from sim2real.search.hypotheses import Coordinate, Hypothesis
 
 CURVE, LINEAR, PLAY = "curve", "linear", "play"

@@ -10,8 +10,8 @@ from scipy import stats
 from maglev_env.loop.effect import EFFECTS, meaningful
 from maglev_env.loop.free.places import REMEMBERING
 from sim2real.compared.drift import FALSE_ALARM, LEAST, trends
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point
 from sim2real.free.share import share_closed
 from sim2real.gap.leftover_words import NORMAL_95
 from sim2real.recorded.open_record import OpenRecord

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point
 from sim2real.gap.fit_figures import Figures, figures, motion
 from sim2real.gap.locate import Where, locate
 from sim2real.gap.missing_force import Profile, open_residual, profiles
@@ -117,8 +117,8 @@ def leftover(
     """
     fitted, point = attribution.problem, candidate.fit.hypothesis.point(candidate.fit.u)
     calibration = attribution.calibration.fit
-    base = calibration.hypothesis.point(calibration.u) if np.isfinite(calibration.cost) else Point({}, {})
-    nominal, calibrated, after = judged.data - judged.simulate([Point({}, {}), base, point])
+    base = calibration.hypothesis.point(calibration.u) if np.isfinite(calibration.cost) else NOMINAL
+    nominal, calibrated, after = judged.data - judged.simulate([NOMINAL, base, point])
     fraction, _ = closed(nominal if np.isfinite(nominal).all() else calibrated, after, seed)
     residual = candidate.fit.residual
     excess = abs(residual) ** 2 - 2.0

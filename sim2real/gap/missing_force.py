@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Part
-from sim2real.compared.simulated import Point, series_at
+from sim2real.compared.simulated import series_at
 from sim2real.recorded.open_evidence import measured_series
 from sim2real.recorded.open_record import OpenRecord
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim2real.compared.point import NOMINAL
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point
 from sim2real.gap.fit_figures import Figures, figures
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.candidates import Attribution, Candidate
@@ -77,7 +77,7 @@ def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, 
     other = _another(attribution, chosen, seed)
     refitted = attribution.refitted
     fits = [chosen.fit, attribution.calibration.fit, refitted, other]
-    points = [Point({}, {})] + [f.hypothesis.point(f.u) if f is not None else Point({}, {}) for f in fits]
+    points = [NOMINAL] + [f.hypothesis.point(f.u) if f is not None else NOMINAL for f in fits]
     residuals = judged.data - judged.simulate(points)
     before, after, calibrated, refit, foil = residuals
     for known, r in ((attribution.calibration.fit, calibrated), (refitted, refit), (other, foil), (chosen.fit, after)):

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim2real.compared.point import NOMINAL
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import Point
 from sim2real.gap.shrink import closed, gap_of, left_on, lost
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.judge import Entry
@@ -36,7 +36,7 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     fits = [None if e.candidate is None else attribution.candidates[e.candidate].fit for e in named]
     fits = [None if f is None or not f.hypothesis.effects else f for f in fits]
     tried = [attribution.calibration.fit, *(f for f in fits if f is not None)]
-    points = [Point({}, {}), *(f.hypothesis.point(f.u) for f in tried)]
+    points = [NOMINAL, *(f.hypothesis.point(f.u) for f in tried)]
     before, calibrated, *after = judged.data - judged.simulate(points)
     nominal, alone = gap_of(before), gap_of(calibrated)
     if nominal is None:

@@ -8,8 +8,8 @@ of them, or so strongly on one that its flanks show on the others.
 
 import numpy as np
 
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import Point
 from sim2real.search.fit import Fit
 from sim2real.search.following import Following
 from sim2real.search.hypotheses import RESONANCES

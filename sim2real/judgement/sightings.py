@@ -11,8 +11,8 @@ from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.open_tones import log_chances, residual_of, tones_in
+from sim2real.compared.point import Point, experiment_at, modes_of
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import Point, experiment_at, modes_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record

@@ -9,7 +9,7 @@ from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from sim2real.search.hypotheses import WIDER
 
 LAW, STIFFNESS = "force_law", "negative_stiffness"

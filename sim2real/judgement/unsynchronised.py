@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import Point
 from sim2real.judgement.sightings import FOREIGN, LOUD, Sighting, seen_at
 from sim2real.recorded.tones import HARMONICS, MAINS, NEAR
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.search.fit import Fit
 from sim2real.search.following import following

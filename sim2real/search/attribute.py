@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim2real.compared.drift import drift_of
+from sim2real.compared.point import DITHERED, MAY_BE_DITHERED, NOMINAL, tolerances, unseen_by_all
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import DITHERED, MAY_BE_DITHERED, Point, tolerances, unseen_by_all
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
@@ -113,7 +113,7 @@ def may_drift(problem: Problem) -> bool:
     """
     if any(isinstance(part.record, OpenRecord) for part in problem.parts):
         return True
-    drift = drift_of(problem, Point({}, {}))
+    drift = drift_of(problem, NOMINAL)
     return drift is not None and drift.shown
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from sim2real.search.fit import EDGE, Fit, cost_of
 from sim2real.search.hypotheses import Hypothesis
 

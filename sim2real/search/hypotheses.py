@@ -12,7 +12,7 @@ from maglev_env.loop.card import SMALL_ROTOR, Scales
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
 from maglev_env.loop.free.places import NAMES as FREE
 from maglev_env.rig.rig import Rig
-from sim2real.compared.simulated import TOLERANCE_EFFECTS, Point
+from sim2real.compared.point import TOLERANCE_EFFECTS, Point
 from sim2real.search.shapes import Shape, shapes_of
 
 # Effects that are found by their frequencies and not fitted on spectral lines.

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim2real.compared.point import TOLERANCE_EFFECTS
 from sim2real.compared.problem import Problem
-from sim2real.compared.simulated import TOLERANCE_EFFECTS
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations

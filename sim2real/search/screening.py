@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim2real.compared.point import TOLERANCE_EFFECTS
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import TOLERANCE_EFFECTS
 from sim2real.search.fit import Fit, cost_of
 from sim2real.search.fitting import reach
 from sim2real.search.following import following

@@ -15,7 +15,7 @@ from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.protocol import Protocol
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from sim2real.diagnosis import diagnose
 from sim2real.search import attribute
 

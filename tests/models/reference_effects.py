@@ -71,7 +71,7 @@ class FullAxis(Axis):
         self.offset = value("eccentricity")
         self.viscous = value("friction", "viscous")
         self.mount = [value("sensor_resonance", key) for key in (None, "damping_ratio", "coupling")]
-        self.unfelt = 1 - value("sensor_resonance", "support_share")
+        self.feels, self.beside = (value("sensor_resonance", f"{key}_share") for key in ("support", "outside"))
         self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
         ratio, times, damping = (value("support_resonance", f"further_{k}") for k in ("ratio", "frequency", "damping"))
         self.further = [self.body[0] * times, damping, ratio]
@@ -184,7 +184,11 @@ class FullAxis(Axis):
         slopes.append((rate - hypot(rate, self.ripple) * back) / self.width)  # ripple goes its way to and fro
         frequency, damping, coupling = self.mount
         turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
-        felt = bearing + self.unfelt * (self.stiffness * y + (self.damping + self.viscous) * v)
+        felt = (
+            bearing
+            + (1 - self.feels) * (self.stiffness * y + (self.damping + self.viscous) * v)
+            + self.beside * outside
+        )
         driven = -coupling * felt / self.mass if frequency else 0.0
         slopes += [wv, driven - 2 * damping * turn * wv - turn**2 * w]
         for rv, held_back in on_springs:

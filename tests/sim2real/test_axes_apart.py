@@ -11,7 +11,7 @@ from maglev_env.rig.rig_file import load_rig
 from sim2real import axes_apart
 from sim2real.axes_apart import _of_both, along_both
 from sim2real.coefficients import Coefficient
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
 

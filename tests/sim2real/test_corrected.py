@@ -14,7 +14,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
-from sim2real.compared.simulated import Point, experiment_at
+from sim2real.compared.point import Point, experiment_at
 from sim2real.corrected import corrected_toml, write_corrected
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, Words

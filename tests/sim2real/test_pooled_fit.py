@@ -13,8 +13,8 @@ from maglev_env.rig.rig_file import rig_from_toml
 from sim2real import pooled_fit
 from sim2real.coefficients import Coefficient
 from sim2real.compared.evidence import evidence_of
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.pooled import _scatter
 from sim2real.recorded.drive.log_filter import smoothing
 from sim2real.recorded.open_evidence import coordinates_of, simulated_series, smoothed_alike

@@ -9,8 +9,8 @@ from scipy.stats import chi2
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.blind.cases import DIAGNOSIS_SCHEMA
+from sim2real.compared.point import tolerances
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import tolerances
 from sim2real.recorded.records import read_records
 from sim2real.search.fit import real_product
 from sim2real.search.fitting import begin, differentiate, iterate

@@ -25,7 +25,7 @@ from sim2real.blind.judging.judging import Judgement, size_range
 from sim2real.blind.judging.scoring import LARGE, REGRET_TARGET, Row, bootstrap, row
 from sim2real.blind.rigs import PID
 from sim2real.blind.twin import LoopFailed, Truth, twin_periods
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 
 CASES = 24
 

@@ -22,7 +22,7 @@ from sim2real.blind.judging.judging import judge, size_range
 from sim2real.blind.judging.regret import change, correction, twin_run
 from sim2real.blind.judging.scoring import LARGE, answer_words, bootstrap, truth_words
 from sim2real.blind.twin import Truth
-from sim2real.compared.simulated import Point, experiment_at
+from sim2real.compared.point import Point, experiment_at
 
 NOMINAL, CORRECTED, TWIN = SIMULATORS = ("nominal", "corrected", "twin")
 PRESET = "preset"  # the rig's gains before any tuning

@@ -181,11 +181,13 @@ def test_ripple_does_to_hysteresis_what_noise_in_the_current_does_in_the_mean():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.0, 0.6])
-def test_a_mount_that_feels_less_of_the_support_is_what_the_equations_say(share):
+@pytest.mark.parametrize("shares", [(0.0, 0.0), (0.6, 0.0), (1.0, 1.0), (0.3, 0.4)])
+def test_a_mount_that_feels_other_forces_is_what_the_equations_say(shares):
+    support, outside = shares
     e, felt = ideal("hmb_radial", axis=0), effect("sensor_resonance", 300.0, coupling=0.1)
-    less = effect("sensor_resonance", 300.0, coupling=0.1, support_share=share)
-    errors, change = worst_error_of_change(e, {**ALL_FORMS, **less}, {**ALL_FORMS, **felt}, 40, [1, 2])
+    other = effect("sensor_resonance", 300.0, coupling=0.1, support_share=support, outside_share=outside)
+    turning = {**ALL_FORMS, **effect("unbalance", 1e-5, phase=0.3)}
+    errors, change = worst_error_of_change(e, {**turning, **other}, {**turning, **felt}, 40, [1, 2])
     assert change > 1e-4
     assert errors[0] < 2e-5 and errors[1] < errors[0] / 3
 

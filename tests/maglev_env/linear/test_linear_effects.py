@@ -234,6 +234,18 @@ def test_at_a_standstill_the_mount_gives_way_to_what_it_feels_of_the_support(sha
     assert got == pytest.approx(1 / rig.support_stiffness - given_way, rel=1e-4)
 
 
+def test_a_mount_that_feels_all_forces_moves_as_the_rotor_is_accelerated():
+    """Then the reading is that of the rotor times one filter, whether the magnets or a force from outside move it."""
+    rig, f = load_rig("pedestal"), np.array([20.0, 55.0, 90.0])
+    values = {**MOUNT["sensor_resonance"], "outside_share": 1.0}
+    with_mount, without = (
+        loop_response(of(rig, effects, NO_CONTROLLER), f).receptance for effects in ({"sensor_resonance": values}, {})
+    )
+    s = 2j * np.pi * f
+    _, whole = mode(values, s)
+    np.testing.assert_allclose(with_mount / without, 1 + values["coupling"] * s**2 / whole, rtol=1e-3)
+
+
 def test_hysteresis_takes_its_share_of_a_small_current():
     plain, held = loop_response(of(), LINES), loop_response(of(effects=EACH["hysteresis"]), LINES)
     np.testing.assert_allclose(held.plant, 0.8 * plain.plant, rtol=1e-9)

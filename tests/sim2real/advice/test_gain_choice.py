@@ -13,7 +13,7 @@ from maglev_env.rig.rig import with_parameters
 from maglev_env.rig.rig_file import load_rig
 from sim2real.advice import gain_choice as own
 from sim2real.advice.gain_choice import FACTORS, GainChoice, gain_choice, gain_sets
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 
 FREE = load_rig("hmb_free")
 

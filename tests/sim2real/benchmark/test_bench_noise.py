@@ -11,8 +11,8 @@ from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared.bench_noise import NO_BOUND, bench_noise
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 

@@ -16,7 +16,7 @@ from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared import problem as problem_module
-from sim2real.compared.simulated import tolerances
+from sim2real.compared.point import tolerances
 from sim2real.compared.tolerance_forms import LAG, tolerance_forms
 from sim2real.recorded.records import read_records
 from sim2real.search.fitting import begin, iterate

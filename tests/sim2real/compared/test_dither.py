@@ -9,8 +9,9 @@ from campaigns import planned, repeated
 
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import DITHERED, Point, together
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import DITHERED, Point, residuals, series_at, together
+from sim2real.compared.simulated import residuals, series_at
 from sim2real.recorded.open_evidence import coordinates_of
 from sim2real.recorded.records import read_records
 

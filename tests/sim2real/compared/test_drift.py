@@ -17,8 +17,8 @@ from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simu
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared import drift as drift_module
 from sim2real.compared.drift import FORM, Drift, _ringing, _slope, drift_of
+from sim2real.compared.point import Point, tolerances
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point, tolerances
 from sim2real.recorded.drifting import steady, trend
 from sim2real.recorded.records import read_records
 from sim2real.recorded.wander import straightened, without_wander

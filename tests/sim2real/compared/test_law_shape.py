@@ -14,8 +14,8 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import rig_from_toml
 from sim2real.compared.law_shape import FORM_NAME, STEEPNESS_NAME, bent, law_shapes
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.recorded.records import read_records
 
 

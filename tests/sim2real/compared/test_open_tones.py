@@ -21,8 +21,8 @@ from sim2real.compared.open_tones import (
     tones_in,
     with_tones,
 )
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.judgement.sightings import FOREIGN, _between
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import tone_lines

@@ -9,8 +9,8 @@ from bench_loop import Bench, write_campaign
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.rig_toml import rig_toml
 from maglev_workbench.commands.diagnose.free import free_sections
+from sim2real.compared.point import tolerances
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import tolerances
 from sim2real.free.correction import free_correction, share_closed
 from sim2real.free.kinds import freed, kinds, sizes_of
 from sim2real.recorded.records import read_records

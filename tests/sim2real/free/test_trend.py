@@ -7,8 +7,8 @@ from campaigns import planned, repeated
 
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.free.trend import trend_of
 
 NOMINAL = Point({}, {})

@@ -11,8 +11,8 @@ from campaigns import campaign
 
 from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.diagnose.leftover import leftover_sections
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.gap.fit_figures import figures
 from sim2real.gap.leftover import SEGMENTS, leftover
 from sim2real.gap.leftover_words import leftover_lines

@@ -11,8 +11,8 @@ from maglev_env.design.protocols import diagnosis_campaign
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import LinearController
 from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.gap.locate import ACTUATOR, DRIVE, PLANT, RECEPTANCE, WHOLE, controller_distance, locate
 from sim2real.recorded.records import read_records
 

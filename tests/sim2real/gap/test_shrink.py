@@ -10,8 +10,8 @@ from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import experiment_at, tolerances
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import experiment_at, tolerances
 from sim2real.gap.shrink import Gap, Words, closed, errors, lost, shrink
 from sim2real.recorded.records import read_records
 from sim2real.search.candidates import Attribution, Candidate

@@ -9,7 +9,7 @@ import pytest
 
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.rig.rig_file import load_rig
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from sim2real.judgement import judge as judge_module
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.dispersion import ChiSquare, Dispersion

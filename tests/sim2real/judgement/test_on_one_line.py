@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from sim2real.judgement.on_one_line import FLANKS, LINES, acts_on_one_line, flanks, lines_of
 from sim2real.search.fitting import begin
 from sim2real.search.hypotheses import Hypothesis

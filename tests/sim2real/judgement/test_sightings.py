@@ -7,8 +7,8 @@ import pytest
 from bench_loop import Bench, write_campaign
 
 from sim2real.compared.open_tones import with_tones
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.judgement.sightings import FOREIGN, Sighting, _foreign_elsewhere, _is_trend, sightings
 from sim2real.recorded.records import read_records
 

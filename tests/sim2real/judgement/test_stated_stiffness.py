@@ -8,7 +8,7 @@ from ball_bench import BALL
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, reshaped
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from sim2real.judgement.stated_stiffness import stiffness_cost
 from sim2real.search.hypotheses import WIDER, resembling
 

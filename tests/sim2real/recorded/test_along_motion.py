@@ -16,8 +16,8 @@ from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.compared.law_shape import law_shapes
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.recorded.along_motion import ends
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_loop import loop_at, nominal_loop

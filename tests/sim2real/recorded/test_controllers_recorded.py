@@ -12,8 +12,8 @@ from ball_bench import record, write_campaign
 from maglev_env.loop.gains import as_table
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig_file import rig_from_toml
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.recorded.drive.controller_output import recovered_injection
 from sim2real.recorded.records import read_records
 

@@ -4,8 +4,8 @@ import numpy as np
 from pushed_campaign import write_campaign
 
 from estimation.lines.line_windows import WIDTH
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.judgement.dispersion import _left
 from sim2real.recorded.records import read_records
 

@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from estimation.normal import NORMAL_95
 from maglev_env.loop.gains import Gains
 from sim2real import diagnose
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.judgement.nonstationary import widening
 from sim2real.pooled import pooled
 from sim2real.recorded.drive.controller_output import recovered_injection

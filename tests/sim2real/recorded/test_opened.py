@@ -11,8 +11,8 @@ from maglev_env.linear.expected import expected_statistics
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.recorded.opened import loud_bands, noise_of, opened_loop
 from sim2real.recorded.records import Record, read_records
 

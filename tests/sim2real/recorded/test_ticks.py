@@ -18,8 +18,8 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig_file import rig_from_toml
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.recorded import records
 from sim2real.recorded.open_reading import AT_TICKS, NOT_AT_TICKS, open_record
 from sim2real.recorded.open_record import OpenRecord

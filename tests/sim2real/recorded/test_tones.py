@@ -7,8 +7,9 @@ import pytest
 from campaigns import campaign
 
 from maglev_env.loop.effect import effect
+from sim2real.compared.point import Point, settling, together
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point, residuals, settling, together
+from sim2real.compared.simulated import residuals
 from sim2real.judgement.sightings import Sighting, _higher_harmonics, _mixed, _one_family
 from sim2real.judgement.unsynchronised import evidence, spin_costs
 from sim2real.recorded.records import read_records

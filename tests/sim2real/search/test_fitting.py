@@ -9,8 +9,8 @@ from campaigns import planned, repeated
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import TOLERANCE_EFFECTS, tolerances
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import TOLERANCE_EFFECTS, tolerances
 from sim2real.search.candidates import Candidate
 from sim2real.search.fit import NOT_TOLD, Fit, cost_of, inverse
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations

@@ -9,7 +9,7 @@ import pytest
 from bench_loop import Bench, write_campaign
 
 from maglev_env.rig.rig_file import RIG_FOLDER, load_rig
-from sim2real.compared.simulated import tolerances
+from sim2real.compared.point import tolerances
 from sim2real.diagnosis import diagnose
 from sim2real.search import attribute
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions

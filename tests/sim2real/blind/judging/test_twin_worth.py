@@ -18,7 +18,7 @@ from sim2real.blind.judging import worth
 from sim2real.blind.judging.worth import CORRECTED, NOMINAL, PRESET, SIMULATORS, TWIN, TwinCase, written_point
 from sim2real.blind.rigs import RIGS
 from sim2real.blind.twin import Truth
-from sim2real.compared.simulated import Point
+from sim2real.compared.point import Point
 from tuning.comparison import twin as search
 from tuning.comparison.twin import case_worth, compare_simulators, tuned
 

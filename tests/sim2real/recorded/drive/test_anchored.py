@@ -6,7 +6,8 @@ import bench_loop
 import numpy as np
 
 from maglev_env.recordings.campaign import load_campaign
-from sim2real.compared.simulated import Point, lanes_of
+from sim2real.compared.point import Point
+from sim2real.compared.simulated import lanes_of
 from sim2real.recorded.drive.anchored import anchored
 from sim2real.recorded.drive.quiet import quiet
 from sim2real.recorded.open_evidence import coordinates_of, measured_of, measured_series, simulated_series

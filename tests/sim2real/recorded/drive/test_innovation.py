@@ -8,8 +8,8 @@ import pytest
 from scipy import signal
 
 from maglev_env.recordings.campaign import load_campaign
+from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import Point
 from sim2real.pooled import pooled
 from sim2real.recorded.drive.innovation import OWN, OWN_SPREAD, innovations
 from sim2real.recorded.nuisances import Nuisances

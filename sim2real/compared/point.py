@@ -1,0 +1,140 @@
+"""A point of a search: effects and changes of parameters, the experiment that they make, how it is to be simulated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+
+from maglev_env.experiment import Experiment
+from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
+from maglev_env.rig.rig import Rig, with_parameters
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+
+# A tolerance of one of these parameters is a small effect of the given name.
+TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
+RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
+LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
+# Sensor noise smooths hard nonlinearities (dithering). Limits are always smoothed; hysteresis and friction are smoothed
+# in some forms and not in others.
+DITHERED, MAY_BE_DITHERED = ({n for n, card in EFFECTS.items() if card.dither == how} for how in ("always", "maybe"))
+
+
+@dataclass(frozen=True)
+class Point:
+    """One set of parameters.
+
+    Attributes:
+        effects: Effects with their parameters.
+        changes: Relative changes of the nominal rig's parameters within their tolerance.
+        dithered: Whether sensor noise smooths the effects.
+    """
+
+    effects: Effects
+    changes: Mapping[str, float]
+    dithered: bool = False
+
+    @property
+    def smoothed(self) -> bool:
+        """Whether noise, where there is any, smooths its effects."""
+        return self.dithered or not DITHERED.isdisjoint(self.effects)
+
+
+NOMINAL = Point({}, {})
+
+
+def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = None) -> Experiment:
+    """The experiment on the rig that a point describes.
+
+    Args:
+        e: The experiment on the nominal rig.
+        point: The point.
+        made: Rigs by their changed parameters, to which new ones are added: many points differ in effects alone, and a
+            rig is checked when it is made.
+    """
+    made = {} if made is None else made
+    effects = {name: dict(values) for name, values in point.effects.items()}
+    parameters = {}
+    for name, change in point.changes.items():
+        known = TOLERANCE_EFFECTS.get(name)
+        if known is None:
+            parameters[name] = getattr(e.rig, name) * (1 + change)
+        elif known not in effects:
+            own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
+            effects[known] = {**e.rig.effects.get(known, {}), "change": own + change + own * change}
+    key = tuple(parameters.items())
+    if key not in made:
+        made[key] = with_parameters(e.rig, parameters) if parameters else e.rig
+    return replace(e, rig=made[key], effects=effects)
+
+
+def tolerances(rig: Rig) -> dict[str, float]:
+    """Relative 1-sigma tolerances of the rig that a simulation can represent."""
+
+    def simulated(name: str) -> bool:
+        effect_of = TOLERANCE_EFFECTS.get(name)  # it changes what the law gives, too, where the rig states no value
+        return bool(getattr(rig, name)) if effect_of is None else meaningful(effect_of, rig.capabilities)
+
+    return {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and simulated(name)}
+
+
+def unseen_by(record: Record | OpenRecord) -> frozenset[str]:
+    """Effects that act before what drives the record."""
+    return record.upstream if isinstance(record, OpenRecord) else frozenset()
+
+
+def unseen_by_all(records: Sequence[Record | OpenRecord]) -> frozenset[str]:
+    """Effects that act before what drives every one of the records."""
+    return frozenset.intersection(*map(unseen_by, records))
+
+
+def is_dithered(point: Point, rig: Rig) -> bool:
+    """Whether the noise of a rig's sensor smooths what a point simulates."""
+    return rig.noise.displacement > 0 and point.smoothed
+
+
+def without_dithered(point: Point) -> Point:
+    hard = DITHERED | MAY_BE_DITHERED
+    return Point({n: v for n, v in point.effects.items() if n not in hard}, point.changes)
+
+
+def modes_of(point: Point) -> list[Mapping[str, float]]:
+    """Frequency and damping ratio of the second-order modes among a point's effects."""
+    found: list[Mapping[str, float]] = []
+    for name, values in point.effects.items():
+        if "damping_ratio" in values:
+            found.append(values)
+        if values.get("further_ratio"):
+            times, damping = (effect_value(point.effects, name, f"further_{key}") for key in ("frequency", "damping"))
+            found.append({"frequency": times * values["frequency"], "damping_ratio": damping})
+    return found
+
+
+def settling(point: Point) -> float:
+    """Ringing time of the slowest mode among a point's effects, s; 0 without a mode."""
+    rates = (2 * pi * mode["frequency"] * mode["damping_ratio"] for mode in modes_of(point))
+    return max((RUNG_OUT / rate for rate in rates), default=0.0)
+
+
+def together(
+    points: Sequence[Point], period: float, dithering: bool, anyway: float = 0.0
+) -> list[tuple[tuple[float, bool], list[int]]]:
+    """Points grouped by what can be simulated together.
+
+    Args:
+        points: The points.
+        period: Excitation period, s.
+        dithering: Whether the rig has sensor noise.
+        anyway: Time that all points are given to settle, s.
+
+    Returns:
+        ((settling time in s, whether noise dithers them), indices of the points) of each group.
+    """
+    steps = np.array(LASTING) * period
+    ends, steps = steps, np.where(steps <= anyway, 0.0, steps)
+    groups: dict[tuple[float, bool], list[int]] = {}
+    for i, point in enumerate(points):
+        lasts = float(steps[min(np.searchsorted(ends, settling(point)), steps.size - 1)])
+        groups.setdefault((lasts, dithering and point.smoothed), []).append(i)
+    return sorted(groups.items())
