@@ -1,7 +1,7 @@
 """Exact discretisation of flexible lanes, which always have eddy currents, the probe's mount and a second body.
 
 The order of the states is that of the blocks: x1 and x2 of the amplifier, the branches, then the four of the sensor:
-mount, its velocity, z1 and z2. The unit of time is that of `exact`.
+mount, its velocity, z1 and z2, and the further mode of the mount. The unit of time is that of `exact`.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class CurrentMaps:
         nodes: (n, 3, .), nodal currents (see `exact.nodal`) of the force-producing current.
         ahead: (n, 2 + BRANCHES, .), x1, x2 and branches at the end of the step.
         motion: (n, 2, .), position and velocity of the mover at the end, if that current were its acceleration.
-        seen: (n, 4, .), mount, mount_v, z1, z2 at the end of the step.
+        seen: (n, 6, .), mount, mount_v, z1, z2, further mount, its velocity at the end of the step.
     """
 
     nodes: np.ndarray
@@ -57,13 +57,13 @@ def current_maps(driving: Values, seeing: Values, h: np.ndarray, switch: np.ndar
 
 
 def probe_map(values: Values, h: np.ndarray) -> np.ndarray:
-    """Mount, its velocity, z1 and z2 at the end of a step.
+    """Mount, its velocity, z1, z2, its further mode and the velocity of that at the end of a step.
 
     y is the cubic through both ends. The bearing's acceleration, which moves the mount, is taken as linear in time; it
     changes the mover's position by `moved` and its velocity by `pushed`.
 
     Returns:
-        Coefficients of (z1, z2, mount, mount_v, moved, pushed, y0, h v0, y1, h v1), (n, 4, 10).
+        Coefficients of (z1, z2, mount, mount_v, further, further_v, moved, pushed, y0, h v0, y1, h v1), (n, 6, 12).
     """
     acceleration = ("acceleration", "acceleration'")
     system = System((*sensor.STATES, *CUBIC, *acceleration), h)
@@ -71,15 +71,15 @@ def probe_map(values: Values, h: np.ndarray) -> np.ndarray:
     system.integrate(acceleration)
     sensor.reading(system, values, system.signal("y"), system.signal("acceleration"))
     end = system.shown[:, system.at(*sensor.STATES)] @ expm(system.a)
-    cubic = end[:, :, 4:8] @ HERMITE
-    linear = end[:, :, 8:] @ np.array([[6, -2], [-12, 6]])
-    return np.concatenate([end[:, :, 2:4], end[:, :, :2], linear, cubic], axis=2)
+    cubic = end[:, :, 6:10] @ HERMITE
+    linear = end[:, :, 10:] @ np.array([[6, -2], [-12, 6]])
+    return np.concatenate([end[:, :, 2:4], end[:, :, :2], end[:, :, 4:6], linear, cubic], axis=2)
 
 
 def bend(maps: CurrentMaps, probe: np.ndarray, pull: np.ndarray) -> np.ndarray:
-    """Corrections of mount, mount_v, z1, z2 to the smooth motion that `probe_map` assumes, (n, 4, .)."""
+    """Corrections of the states of `probe_map` to the smooth motion that it assumes, (n, 6, .)."""
     # The mover starts at rest here, so that its motion at the end is the change by the acceleration.
-    smooth = (probe[:, :, 4:6] + probe[:, :, 8:]) @ maps.motion
+    smooth = (probe[:, :, 6:8] + probe[:, :, 10:]) @ maps.motion
     return pull[:, None, None] * (maps.seen - smooth)
 
 

@@ -10,7 +10,7 @@ from maglev_env.loop import self_sensing_pieces
 from maglev_env.loop.amplifier import NEXT, NODES
 from maglev_env.loop.controller import ARRIVED, ERROR_STATE, HEAD, INPUT_STATE
 from maglev_env.loop.eddy import BRANCHES, EDDY_COMMANDS
-from maglev_env.loop.sensor import BEND, CROSS_BEND, MOUNT_BEND, MOUNT_CROSS
+from maglev_env.loop.sensor import BEND, CROSS_BEND, FURTHER_BEND, FURTHER_CROSS, MOUNT_BEND, MOUNT_CROSS
 from maglev_lanes.layout import LANES, rows_after
 
 # WAVE: which of several waves drives a lane (in the first axis); PUSHED, INJECTED, WANTED: its force (N), injection (A)
@@ -33,7 +33,7 @@ def of_substep(flexible: bool) -> np.ndarray:
     """Offsets of the rows that depend on when the command changes within a substep: the coefficients of commands."""
     maps = [(NEXT, 2), (NODES, 3), (BEND, 2), (CROSS_BEND, 2)]
     if flexible:
-        maps += [(MOUNT_BEND, 2), (MOUNT_CROSS, 2)]
+        maps += [(first, 2) for first in (MOUNT_BEND, MOUNT_CROSS, FURTHER_BEND, FURTHER_CROSS)]
     carried = [first + (4 * j + c) * LANES for first, count in maps for j in range(count) for c in (2, 3)]
     branches = [EDDY_COMMANDS + j * LANES for j in range(2 * BRANCHES if flexible else 0)]
     return np.array([ARRIVED, *carried, *branches])

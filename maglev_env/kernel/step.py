@@ -30,7 +30,8 @@ def move_piece(s: Structure, lanes: int = W) -> Callable:
     y_middle, v_middle, y_end, v_end, y_next, v_next = p.y_middle, p.v_middle, p.y_end, p.v_end, p.y_next, p.v_next
     x1_next, x2_next, held_next, z1_next, z2_next = p.x1_next, p.x2_next, p.held_next, p.z1_next, p.z2_next
     mount_next, mount_v_next, z1_by_mount, z2_by_mount = p.mount_next, p.mount_v_next, p.z1_by_mount, p.z2_by_mount
-    shaped, felt_too = s.shaped, p.felt_too
+    shaped, felt_too, further_next, further_v_next = s.shaped, p.felt_too, p.further_next, p.further_v_next
+    z1_by_further, z2_by_further, store_further_mode = p.z1_by_further, p.z2_by_further, p.store_further_mode
     store_reading, store_mount, store_current, store_body = (
         p.store_reading, p.store_mount, p.store_current, p.store_body,
     )  # fmt: skip
@@ -74,6 +75,10 @@ def move_piece(s: Structure, lanes: int = W) -> Callable:
                     moved, pushed = SIXTH * (f1 + 2.0 * fm), SIXTH * (f1 + 4.0 * fm + f4)
                     z1 = z1 + z1_by_mount(x, k, moved, pushed)
                     z2 = z2 + z2_by_mount(x, k, moved, pushed)
+                    if shaped:
+                        z1, z2 = z1 + z1_by_further(x, k), z2 + z2_by_further(x, k)
+                        other, other_v = further_next(x, k, moved, pushed), further_v_next(x, k, moved, pushed)
+                        store_further_mode(x, k, other, other_v)
                     store_mount(x, k, mount_next(x, k, moved, pushed), mount_v_next(x, k, moved, pushed))
                 if poles > 0:
                     store_reading(x, k, z1, z2)

@@ -8,7 +8,7 @@ from maglev_env.loop import bodies
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.exponential import faded
 from maglev_env.loop.magnets import rows
-from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
+from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY, further_mode
 from maglev_env.loop.system import System, Values
 from maglev_lanes.elementary import root
 from maglev_lanes.layout import LaneRows, rows_after
@@ -78,12 +78,7 @@ EFFECTS: Mapping[str, EffectCard] = {
             # same, because its mode is added to the motion of the whole mass. What hangs below one magnet is small and
             # stiff.
             "inside": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=1.0, needs=("pair",)),
-            # A further body is looked for at every frequency, as the first one is.
-            "further_ratio": Parameter("", 0.0, 2.0, 0.0, scale=0.02, shape=0.1, added=True),
-            "further_frequency": Parameter(
-                "", 0.05, 20.0, 2.5, shape=1.0, starts=tuple(np.geomspace(0.15, 7.0, 28)), added=True
-            ),
-            "further_damping": Parameter("", 1e-3, 0.7, 0.02, shape=1.0, starts=(0.07,), added=True),
+            **further_mode(Parameter("", 0.0, 2.0, 0.0, scale=0.02, shape=0.1, added=True)),
         },
         "a second body on a spring on the mover (a support that gives way, a rotor that bends); frequency: that of the "
         "second body while the mover is fixed; in other forms the part `inside` of its mass is in the stated one, and "

@@ -8,7 +8,7 @@ from maglev_env.loop import actuator
 from maglev_env.loop.card import EffectCard, Parameter, decay, first_order, phase, relative
 from maglev_env.loop.converters import converter_range
 from maglev_env.loop.mechanics import Y
-from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY
+from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY, further_mode
 from maglev_env.loop.system import System, Values
 from maglev_lanes.converter import quantised
 from maglev_lanes.layout import LANES as W
@@ -38,10 +38,12 @@ EFFECTS: Mapping[str, EffectCard] = {
             "coupling": Parameter("", -0.5, 0.5, 0.05, scale=0.02, starts=(0.01,)),
             "support_share": Parameter("", 0.0, 1.0, 1.0, scale=1.0, shape=1.0, needs=("support",)),
             "outside_share": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=1.0),
+            # On a base that swings, too, the mount moves by the difference of two modes: -1.
+            **further_mode(Parameter("", -2.0, 2.0, 0.0, scale=0.2, shape=1.0, added=True)),
         },
         "the probe's mount moves with the bearing's reaction, as a second-order mode (D 7.2); in other forms it feels "
         "a smaller share of what the support's spring and damper make, or also forces from outside: with all of both "
-        "it moves as the rotor is accelerated",
+        "it moves as the rotor is accelerated; and there is a further mode, at a multiple of that frequency",
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
@@ -72,7 +74,8 @@ EFFECTS: Mapping[str, EffectCard] = {
 
 
 MOUNT, PROBE = ("mount", "mount_velocity"), ("probe", "probe_lag")
-STATES = (*MOUNT, *PROBE)
+FURTHER = ("further_mount", "further_mount_velocity")  # of a further mode
+STATES = (*MOUNT, *PROBE, *FURTHER)
 
 
 def reading(
@@ -98,15 +101,23 @@ def reading(
     """
     frequency = values.effect("sensor_resonance")
     coupling = np.where(frequency > 0, values.effect("sensor_resonance", "coupling"), 0.0)
-    if system.without(MOUNT, there := coupling != 0):
-        return probe(system, values, displacement)
-    returning = system.oscillator(MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"))
-    position, velocity = MOUNT
+    further, times, damping = (
+        values.effect("sensor_resonance", f"further_{key}") for key in ("ratio", "frequency", "damping")
+    )
+    modes = (
+        (MOUNT, frequency, values.effect("sensor_resonance", "damping_ratio"), coupling),
+        (FURTHER, times * frequency, damping, coupling * further),
+    )
     feels, beside = (values.effect("sensor_resonance", key)[:, None] for key in ("support_share", "outside_share"))
     felt = bearing - (1 - feels) * support + beside * outside
-    system.put(velocity, returning - coupling[:, None] * felt)
-    system.there[:, system.at(*MOUNT)] = there[:, None]
-    return probe(system, values, displacement - system.signal(position))
+    for (position, velocity), turns, damped, moved in modes:
+        if system.without((position, velocity), there := moved != 0):
+            continue
+        returning = system.oscillator((position, velocity), turns, damped)
+        system.put(velocity, returning - moved[:, None] * felt)
+        system.there[:, system.at(position, velocity)] = there[:, None]
+        displacement = displacement - system.signal(position)
+    return probe(system, values, displacement)
 
 
 def probe(system: System, values: Values, seen: np.ndarray) -> np.ndarray:
@@ -124,10 +135,14 @@ PROBE_COUNTS, COUNT_MAX, PER_COUNT, ROUNDS, NOISE, CROSS_SENSOR, CUBIC, BEND, CR
 )
 # The probe's mount: MOUNT_Y, MOUNT_V its position and velocity. MOUNT_NEXT: coefficients for both at the end of the
 # step, MOUNT_SEEN: for their contribution to z1 and z2, of (position, velocity, change of the mover's position and of
-# its velocity by the bearing). MOUNT_BEND, MOUNT_CROSS: as BEND and CROSS_BEND, for the mount.
+# its velocity by the bearing). MOUNT_BEND, MOUNT_CROSS: as BEND and CROSS_BEND, for the mount. FURTHER_..: the same of
+# its further mode; what the bearing adds to z1 and z2 by way of it is in MOUNT_SEEN.
 # UNFELT: share of the support's reaction that does not move it. BESIDE: share of the forces from outside that does.
-MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, UNFELT, BESIDE, _TONES = rows_after(
+MOUNT_Y, MOUNT_V, MOUNT_NEXT, MOUNT_SEEN, MOUNT_BEND, MOUNT_CROSS, UNFELT, BESIDE, _FURTHER = rows_after(
     _MOUNT, "MOUNT_Y MOUNT_V MOUNT_NEXT[8] MOUNT_SEEN[8] MOUNT_BEND[8] MOUNT_CROSS[8] UNFELT BESIDE"
+)
+FURTHER_Y, FURTHER_V, FURTHER_NEXT, FURTHER_SEEN, FURTHER_BEND, FURTHER_CROSS, _TONES = rows_after(
+    _FURTHER, "FURTHER_Y FURTHER_V FURTHER_NEXT[8] FURTHER_SEEN[4] FURTHER_BEND[8] FURTHER_CROSS[8]"
 )
 # Two rotating pointers (cosine, sine): the shaft's with the runout's phase and the mains' with the pickup's. TURN:
 # their rotation in a step. RUNOUT, PICKUP: amplitudes of three harmonics each.
@@ -225,6 +240,27 @@ def store_reading(poles: int) -> Callable:
     return store
 
 
+def by_further_mode(first: int) -> Callable:
+    """As `by_mount`, of its further mode."""
+
+    @piece
+    def total(x, k, moved, pushed):
+        q = k + first
+        return x[q] * x[k + FURTHER_Y] + x[q + W] * x[k + FURTHER_V] + x[q + 2 * W] * moved + x[q + 3 * W] * pushed
+
+    return total
+
+
+def seen_of_further_mode(first: int) -> Callable:
+    """A piece for what the further mode itself contributes to a value."""
+
+    @piece
+    def total(x, k):
+        return x[k + first] * x[k + FURTHER_Y] + x[k + first + W] * x[k + FURTHER_V]
+
+    return total
+
+
 @piece
 def felt_too(x, k, slowed, outside):
     """What the mount feels beside the bearing: less of the deceleration by the support, more of forces from outside."""
@@ -234,6 +270,12 @@ def felt_too(x, k, slowed, outside):
 @piece
 def store_mount(x, k, mount, mount_v):
     x[k + MOUNT_Y], x[k + MOUNT_V] = mount, mount_v
+    return 0.0
+
+
+@piece
+def store_further_mode(x, k, mount, mount_v):
+    x[k + FURTHER_Y], x[k + FURTHER_V] = mount, mount_v
     return 0.0
 
 

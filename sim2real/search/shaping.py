@@ -103,8 +103,9 @@ def _sought(problem: Problem, fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
             standing = [i for i, p in enumerate(predicted) if np.isfinite(p).all()]
             matrix, along = following(fit).along(predicted[standing] - (problem.data - fit.residual))
             power = np.maximum(np.diag(matrix), 1e-300)
-            for i in np.argsort(-(np.maximum(along, 0.0) ** 2) / power)[:SOUGHT]:
-                tried[standing[i]][size] *= max(along[i], 0.0) / power[i]
+            wanted = along if at[size].parameter.low < 0 else np.maximum(along, 0.0)
+            for i in np.argsort(-(wanted**2) / power)[:SOUGHT]:
+                tried[standing[i]][size] *= wanted[i] / power[i]
                 found.append(freed.bounded(tried[standing[i]]))
     return found
 

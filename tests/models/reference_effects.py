@@ -71,6 +71,8 @@ class FullAxis(Axis):
         self.offset = value("eccentricity")
         self.viscous = value("friction", "viscous")
         self.mount = [value("sensor_resonance", key) for key in (None, "damping_ratio", "coupling")]
+        ratio, times, damping = (value("sensor_resonance", f"further_{k}") for k in ("ratio", "frequency", "damping"))
+        self.further_mount = [self.mount[0] * times, damping, self.mount[2] * ratio]
         self.feels, self.beside = (value("sensor_resonance", f"{key}_share") for key in ("support", "outside"))
         self.body = [value("support_resonance", key) for key in (None, "damping_ratio", "mass_ratio")]
         ratio, times, damping = (value("support_resonance", f"further_{k}") for k in ("ratio", "frequency", "damping"))
@@ -94,7 +96,7 @@ class FullAxis(Axis):
         self.branch = self.first_sensor
         self.held = self.branch + len(rates)
         self.first_mount = self.held + 1
-        self.first_body = self.first_mount + 2
+        self.first_body = self.first_mount + 4
         self.first_further = self.first_body + 2
         self.bristles = self.first_further + 2
         self.first_sensor = self.bristles + 1
@@ -133,7 +135,10 @@ class FullAxis(Axis):
         return self.passed
 
     def seen(self, x):
-        return x[self.first + self.size - 1] if self.sensor else x[self.first] - x[self.first_mount]
+        return x[self.first + self.size - 1] if self.sensor else self.beside_mount(x)
+
+    def beside_mount(self, x):
+        return x[self.first] - x[self.first_mount] - x[self.first_mount + 2]
 
     def tones(self, t):
         """What runout and pickup add to a reading at t."""
@@ -182,19 +187,17 @@ class FullAxis(Axis):
         z, toward = x[self.held], 1.0 if rate > 0 else -1.0
         back = z * abs(z) ** (self.power - 1) * (1.0 if z * toward > 0 else self.unloading)
         slopes.append((rate - hypot(rate, self.ripple) * back) / self.width)  # ripple goes its way to and fro
-        frequency, damping, coupling = self.mount
-        turn, (w, wv) = 2 * pi * frequency, x[self.first_mount : self.first_mount + 2]
-        felt = (
-            bearing
-            + (1 - self.feels) * (self.stiffness * y + (self.damping + self.viscous) * v)
-            + self.beside * outside
-        )
-        driven = -coupling * felt / self.mass if frequency else 0.0
-        slopes += [wv, driven - 2 * damping * turn * wv - turn**2 * w]
+        held_back = (1 - self.feels) * (self.stiffness * y + (self.damping + self.viscous) * v)
+        felt, mounts = bearing + held_back + self.beside * outside, x[self.first_mount : self.first_mount + 4]
+        for (frequency, damping, coupling), (w, wv) in zip(
+            (self.mount, self.further_mount), (mounts[:2], mounts[2:]), strict=True
+        ):
+            turn, driven = 2 * pi * frequency, -coupling * felt / self.mass if frequency else 0.0
+            slopes += [wv, driven - 2 * damping * turn * wv - turn**2 * w]
         for rv, held_back in on_springs:
             slopes += [rv, -a - held_back if self.body[0] else 0.0]
         slopes.append(slope)
-        source = y - w
+        source = y - mounts[0] - mounts[2]
         for j, time in enumerate(self.sensor, self.first_sensor):
             slopes.append((source - x[j]) / time)
             source = x[j]
@@ -262,7 +265,8 @@ PLACES = ("force", "current", "reference")
 
 def _scale(a: FullAxis) -> np.ndarray:
     sizes = np.full(a.size, 1e-12)
-    for j in (0, a.first_mount - a.first, a.first_body - a.first, a.first_further - a.first):
+    mount = a.first_mount - a.first
+    for j in (0, mount, mount + 2, a.first_body - a.first, a.first_further - a.first):
         sizes[j] = 1e-15
     sizes[a.first_sensor - a.first :] = 1e-15
     return sizes

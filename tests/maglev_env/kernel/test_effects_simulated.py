@@ -62,6 +62,9 @@ FORMS = {
     "two bodies": (
         effect("support_resonance", 60.0, mass_ratio=0.1, further_ratio=0.05, further_frequency=2.2), 1e-6,
     ),
+    "two modes of a mount": (
+        effect("sensor_resonance", 60.0, coupling=0.1, further_ratio=-0.4, further_frequency=2.2), 1e-6,
+    ),
     "a body inside the mass": (effect("support_resonance", 150.0, mass_ratio=0.5, inside=0.8), 1e-6),
     "hysteresis under ripple": (effect("hysteresis", 0.3, width=0.05, ripple=20.0), 2e-2),
     "static friction": (

@@ -252,6 +252,20 @@ def test_hysteresis_takes_its_share_of_a_small_current():
     np.testing.assert_allclose(held.amplifier, plain.amplifier, rtol=1e-9)
 
 
+def test_a_mount_on_a_base_that_swings_too_is_two_modes_of_a_mount():
+    """The base moves by the reaction and the mount by the base: a product of two modes is the difference of both."""
+    rig, f = load_rig("pedestal"), np.array([20.0, 44.0, 75.0, 100.0, 150.0])
+    s, mount, base, coupling = 2j * np.pi * f, 2 * np.pi * 60.0, 2 * np.pi * 130.0, 0.1
+    values = {"frequency": 60.0, "damping_ratio": 1e-3, "coupling": coupling * base**2 / (base**2 - mount**2)}
+    values |= {"further_ratio": -1.0, "further_frequency": 130.0 / 60.0, "further_damping": 1e-3}
+    found, plain = (
+        loop_response(of(rig, effects, NO_CONTROLLER), f).receptance for effects in ({"sensor_resonance": values}, {})
+    )
+    bearing = -(rig.support_stiffness + rig.support_damping * s) * plain / rig.mass
+    moved = coupling * base**2 / ((s**2 + base**2) * (s**2 + mount**2)) * bearing
+    np.testing.assert_allclose(found, plain + moved, atol=0.01 * abs(moved).max())
+
+
 def test_a_further_body_adds_its_dynamic_mass():
     two = {"frequency": 60.0, "damping_ratio": 0.03, "mass_ratio": 0.1}
     two |= {"further_ratio": 0.05, "further_frequency": 2.2, "further_damping": 0.01}
