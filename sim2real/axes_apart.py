@@ -12,8 +12,8 @@ import numpy as np
 from scipy import stats
 
 from maglev_env.loop.axes import AXES
-from maglev_env.rig.rig import Rig
-from sim2real.coefficients import Coefficient, coefficients_alone, coefficients_of, misfit
+from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.coefficients import Coefficient, coefficients_alone, coefficients_of
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.search.fit import Fit, cost_of
@@ -33,12 +33,21 @@ def along_both(
         return whole, ()
     x, y = (_along(rig, problem, fit, axis) for axis in range(rig.axes))
     told = [a.identified and b.identified for a, b in zip(x, y, strict=True)]
-    apart = [sure and _apart(a, b) for a, b, sure in zip(x, y, told, strict=True)]
+    # Where the rig states other values of its axes, they agree if both are as far from these.
+    as_one = [(_beside(a, c.nominal), _beside(b, c.nominal)) for c, a, b in zip(whole, x, y, strict=True)]
+    apart = [sure and _apart(*both) for both, sure in zip(as_one, told, strict=True)]
+    said = [_stated(a, b) for a, b, sure in zip(x, y, told, strict=True) if sure and a.nominal != b.nominal]
     if not any(apart):
-        return whole, ()
-    found = tuple(_of_both(a, b) if sure else c for c, a, b, sure in zip(whole, x, y, told, strict=True))
-    said = [_in_words(a, b) for a, b, differ in zip(x, y, apart, strict=True) if differ]
+        return whole, tuple(said)
+    found = tuple(_of_both(*both) if sure else c for c, both, sure in zip(whole, as_one, told, strict=True))
+    said += [_in_words(a, b) for a, b, differ in zip(x, y, apart, strict=True) if differ]
     return found, tuple(said)
+
+
+def _beside(c: Coefficient, nominal: float) -> Coefficient:
+    """A coefficient of an axis as if its nominal value were another one."""
+    factor = nominal / c.nominal if c.nominal else 1.0
+    return replace(c, value=c.value * factor, se=c.se * abs(factor), nominal=nominal)
 
 
 def _apart(x: Coefficient, y: Coefficient) -> bool:
@@ -57,10 +66,18 @@ def _of_both(x: Coefficient, y: Coefficient) -> Coefficient:
     return replace(x, value=value).with_error(max(x.se, y.se))  # of the mass and its like, both share the error
 
 
-def _in_words(x: Coefficient, y: Coefficient) -> str:
+def _shown(x: Coefficient, y: Coefficient) -> str:
     shown = " and ".join(f"{quantity(c.value, c.se, c.unit)} along {n}" for c, n in zip((x, y), AXES, strict=True))
+    return f"{x.name.replace('_', ' ')} is {shown}"
+
+
+def _stated(x: Coefficient, y: Coefficient) -> str:
+    return f"{_shown(x, y)}; the rig states other values of its axes, and the table has their means"
+
+
+def _in_words(x: Coefficient, y: Coefficient) -> str:
     return (
-        f"{x.name.replace('_', ' ')} is {shown}: no value holds for both axes, and the interval "
+        f"{_shown(x, y)}: no value holds for both axes, and the interval "
         "reaches both; state what differs in [axis.x] and [axis.y] of the rig"
     )
 
@@ -68,9 +85,7 @@ def _in_words(x: Coefficient, y: Coefficient) -> str:
 def _along(rig: Rig, problem: Problem, fit: Fit, axis: int) -> tuple[Coefficient, ...]:
     """Coefficients by what shows along one axis."""
     own = problem.axis == axis
-    alone = fit_of_rows(problem, fit, own)
-    louder = np.sqrt(max(misfit(alone) / own.mean(), 1.0))
-    return tuple(c.with_error(c.se * float(louder)) for c in coefficients_alone(rig, problem, alone, []))
+    return coefficients_alone(axis_rig(rig, axis), problem, fit_of_rows(problem, fit, own), [], float(own.mean()))
 
 
 def fit_of_rows(problem: Problem, fit: Fit, rows: np.ndarray) -> Fit:

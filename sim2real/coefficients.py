@@ -145,10 +145,12 @@ def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit])
     return tuple(replace(c, bounded=False) for c in found) if told_by_noise(problem, fit) else found
 
 
-def coefficients_alone(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
-    """As `coefficients_of`, whatever tells them; the fit may be of a part of the problem."""
-    h, lack = fit.hypothesis, misfit(fit)
-    factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(fit.residual.size) else 1.0
+def coefficients_alone(
+    rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit], share: float = 1.0
+) -> tuple[Coefficient, ...]:
+    """As `coefficients_of`, whatever tells them; the fit may be of a share of the problem, and zero elsewhere."""
+    h, lack = fit.hypothesis, misfit(fit) / share
+    factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(share * fit.residual.size) else 1.0
     by_curvature = bounded_spread(fit, fit.spread)
     sd = standard_errors(by_curvature, fit, others)
     by_chance = standard_errors(by_curvature, fit, others, CHANCE)
@@ -196,7 +198,9 @@ def forced(records: Iterable[Record | OpenRecord]) -> bool:
 
 
 def nominal_coefficient(rig: Rig, name: str) -> float:
-    """The nominal value that an identified change refers to."""
+    """The nominal value that an identified change refers to; of two axes that state other values, their mean."""
+    if rig.per_axis:
+        return float(np.mean([nominal_coefficient(own, name) for own in rig.by_axis]))
     if name in ("actuator_gain", "negative_stiffness"):
         if not rig.controlled:
             return 0.0

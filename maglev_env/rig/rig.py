@@ -268,6 +268,16 @@ def with_parameters(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
     return replace(rig, **parameters)
 
 
+def with_parameters_of_all_axes(rig: Rig, parameters: Mapping[str, Any]) -> Rig:
+    """As `with_parameters`, also of axes that have values of their own.
+
+    Raises:
+        ValueError: As `with_parameters`.
+    """
+    own = {axis: {n: v for n, v in values.items() if n not in parameters} for axis, values in rig.per_axis.items()}
+    return with_parameters(replace(rig, per_axis=own), parameters)
+
+
 def default_band_of(rig: Rig) -> tuple[float, float]:
     """`default_band` of a rig, whose default gains give it the magnet's own stiffness, with the other sign."""
     if rig.magnet == NO_MAGNET:

@@ -196,7 +196,7 @@ def nuisance_columns(record: OpenRecord, tone: Tone, outputs: tuple[str, ...]) -
         for name, column in zip(("cosine", "sine"), columns, strict=True):
             whole = np.zeros((len(outputs), record.axes, column.size), complex)
             whole[outputs.index("plant"), axis] = column.reshape(-1)
-            found[f"{name} of {tone.frequency:.4g} Hz along axis {axis} of {record.name}"] = whole
+            found[f"{name} of {tone.frequency:.9g} Hz along axis {axis} of {record.name}"] = whole
     return found
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
-from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.drawn import scaled_rig
+from maglev_env.rig.rig import Rig
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 
@@ -55,17 +56,17 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
     """
     made = {} if made is None else made
     effects = {name: dict(values) for name, values in point.effects.items()}
-    parameters = {}
+    factors = {}
     for name, change in point.changes.items():
         known = TOLERANCE_EFFECTS.get(name)
         if known is None:
-            parameters[name] = getattr(e.rig, name) * (1 + change)
+            factors[name] = 1 + change
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
             effects[known] = {**e.rig.effects.get(known, {}), "change": own + change + own * change}
-    key = tuple(parameters.items())
+    key = tuple(factors.items())
     if key not in made:
-        made[key] = with_parameters(e.rig, parameters) if parameters else e.rig
+        made[key] = scaled_rig(e.rig, factors) if factors else e.rig
     return replace(e, rig=made[key], effects=effects)
 
 

@@ -255,22 +255,25 @@ def _opened(
     reading: np.ndarray | None,
     opened: np.ndarray | None = None,
 ) -> tuple[float, float]:
-    """Size (m) of a tone with the loop opened as at a point, and the receptance (m/N) there.
+    """Size (m, rms of the axes) of a tone with the loop opened as at a point, and the receptance (m/N) there.
 
     Args:
         reading: its amplitude (axes,) in the closed loop.
         opened: or its amplitude (axes,) with the loop opened as at the nominal rig.
     """
     linear = {name: values for name, values in point.effects.items() if name not in NO_TANGENT}
-    e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), 0)
-    r = loop_response(e, np.array([frequency]))
-    back = abs(1 + r.plant * r.controller)[0]
-    if opened is not None:  # as at the nominal rig
-        n = loop_response(axis_experiment(record.experiment, 0), np.array([frequency]))
-        size = float(np.linalg.norm(opened) * back / abs(1 + n.plant * n.controller)[0])
-    else:
-        size = float(np.linalg.norm(reading) * back)
-    return size, float(abs(r.receptance / r.sensitivity)[0])
+    at, amplitude = np.array([frequency]), reading if opened is None else opened
+    sizes, receptances = [], []
+    for axis, size in enumerate(np.abs(amplitude)):
+        e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), axis)
+        r = loop_response(e, at)
+        back = abs(1 + r.plant * r.controller)[0]
+        if opened is not None:  # as at the nominal rig
+            n = loop_response(axis_experiment(record.experiment, axis), at)
+            back /= abs(1 + n.plant * n.controller)[0]
+        sizes.append(size * back)
+        receptances.append(abs(r.receptance / r.sensitivity)[0])
+    return float(np.sqrt(np.mean(np.square(sizes)))), float(np.mean(receptances))
 
 
 def _bands(index: int, part: Part, point: Point, drifting: bool) -> list[Sighting]:
@@ -314,8 +317,9 @@ def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
             near = near[(near != line) & (excited[near] == excited[line]) & ~record.masked[near]]
             chi2 = outstanding(r[:, line], r[:, near].reshape(-1))
             if chi2 > 0:
-                sd = float(np.linalg.norm(part.noise[plant, :, line])) / np.sqrt(2)
-                size = float(np.linalg.norm(r[:, line])) * sd
+                noise = part.noise[plant, :, line]
+                size = float(np.sqrt(np.mean(abs(r[:, line] * noise) ** 2) / 2))
+                sd = float(np.sqrt(np.mean(noise**2) / 2 / noise.size))  # of the mean of the axes
                 receptance = float(np.mean(abs(part.opened.receptance[:, line])))
                 found.append(Sighting(index, name, harmonic, f, size, sd, receptance, chi2))
     return found

@@ -231,15 +231,16 @@ def _untold(spec: RecordingSpec, drive: Drive, exact: bool, by_voltage: CurrentB
     """
     if not drive.stand_in or drive.source is None:
         return []
-    stated, step, found = _stated(spec, drive.source), drive.multiple / spec.sample_rate, []
+    step, found = drive.multiple / spec.sample_rate, []
     names = suffixes(drive.experiment.rig.axes)
     for axis, driving in enumerate(drive.source + letter for letter in names):
-        if all(source.delay_tolerance is None for source in stated):
+        stated = spec.channels.get(driving)
+        if stated is None or stated.delay_tolerance is None:
             late = (UNTOLD_ALONG if exact else UNTOLD) * step
             found.append(ChannelError(f"time between {driving} and displacement", drive.source, axis, delay=late))
         if by_voltage is not None:
             found += by_voltage.errors[axis]
-        elif drive.source == "current" and not any(source.scale_tolerance for source in stated):
+        elif drive.source == "current" and not (stated and stated.scale_tolerance):
             found.append(ChannelError(f"scale of {driving}", drive.source, axis, scale=METERED))
         shaped = {} if drive.held else SHAPED if exact else STRAIGHT
         for order, size in shaped.items():

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from maglev_env.rig.rig_file import load_rig
-from sim2real import axes_apart
+from sim2real import axes_apart, coefficients
 from sim2real.axes_apart import _of_both, along_both
 from sim2real.coefficients import Coefficient
 from sim2real.compared.point import Point
+from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
 
@@ -28,6 +29,30 @@ def test_an_interval_of_both_axes_reaches_both_where_they_differ():
     assert low < 96.0 - 0.3 and high > 104.0 + 0.3 and both.value == pytest.approx(100.0)
     alike = _of_both(_gain(100.2, 0.2), _gain(99.9, 0.2))
     assert alike.se == 0.2 and 99.9 < alike.value < 100.2
+
+
+@pytest.mark.parametrize(("more", "differ"), [(0.02, False), (-0.02, True)])
+def test_axes_of_other_stated_values_agree_where_both_are_as_far_from_them(monkeypatch, more, differ):
+    stated = [replace(_gain(90.0 * 1.02, 0.3), nominal=90.0), replace(_gain(110.0 * (1 + more), 0.3), nominal=110.0)]
+    monkeypatch.setattr(axes_apart, "coefficients_of", lambda *of: (_gain(100.0 * (1 + more), 0.2),))
+    monkeypatch.setattr(axes_apart, "_along", lambda rig, problem, fit, axis: (stated[axis],))
+    (found,), said = along_both(load_rig("hmb_radial"), None, None, [])
+    assert any("the rig states other values of its axes" in text for text in said)
+    assert any("no value holds for both" in text for text in said) is differ
+    assert found.nominal == 100.0 and (differ or found.value == pytest.approx(102.0))
+
+
+def test_an_axis_is_widened_by_its_own_misfit_once(monkeypatch):
+    """Half of the data leaves four times its noise, and the other half is none of this fit."""
+    monkeypatch.setattr(coefficients, "widening", lambda problem, fit: np.ones(1))
+    hypothesis = Hypothesis(("actuator_gain",), {})
+    residual = np.concatenate([np.full(400, 2.0 + 2.0j), np.zeros(400)])
+    jacobian = np.concatenate([np.full(400, 50.0 + 0j), np.zeros(400)])[None]
+    fit = Fit(hypothesis, np.zeros(1), residual, 1.0, jacobian)
+    rig = load_rig("hmb_free")
+    (half,) = coefficients.coefficients_alone(rig, None, fit, [], 0.5)
+    (plain,) = coefficients.coefficients_alone(rig, None, replace(fit, residual=residual / 2), [], 0.5)
+    assert half.se == pytest.approx(2 * plain.se)
 
 
 @dataclass(frozen=True)
@@ -53,12 +78,12 @@ def test_each_axis_is_fitted_by_what_shows_along_it(monkeypatch, apart, differ):
     iterate([fit], problem.data, problem.simulate, 10)
     differentiate([fit], problem.data, problem.simulate, True)
 
-    def coefficients(rig, problem, fit, others):
+    def told(rig, problem, fit, others, share=1.0):
         se = float(np.sqrt(fit.covariance()[0, 0])) * 10.0
         return (_gain(100 * (1 + 0.1 * float(fit.u[0])), se),)
 
     for name in ("coefficients_of", "coefficients_alone"):
-        monkeypatch.setattr(axes_apart, name, coefficients)
+        monkeypatch.setattr(axes_apart, name, told)
     rig = replace(load_rig("hmb_radial"), tolerance={})
     (found,), said = along_both(rig, problem, fit, [])
     assert bool(said) is differ

@@ -22,7 +22,7 @@ from maglev_env.loop.magnets.kinds import force_law, geometric_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.recordings.left_out import TellsNothing
-from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig import Rig, axis_rig, with_parameters_of_all_axes
 from sim2real.recorded.along_motion import NEAREST
 from sim2real.recorded.drive.controller_output import referred
 from sim2real.recorded.drive.instrument import has_instruments
@@ -235,13 +235,12 @@ def _stood_in(
     finer = finer_steps(rig, spec.sample_rate)
     upstream = frozenset(n for n, card in EFFECTS.items() if card.block in ("controller", "amplifier"))
     upstream = upstream if source == "current" else frozenset()
+    ideal = {"voltage_range": UNLIMITED} | ({"amplifier_time_constant": 0.0} if source == "current" else {})
     rig = replace(
-        rig,
+        with_parameters_of_all_axes(rig, ideal),
         control_rate=finer * spec.sample_rate,
-        voltage_range=UNLIMITED,
         clearance=NEAREST * rig.gap if rig.controlled else rig.clearance,  # the recorded rotor did not touch down
         gains=None,
-        amplifier_time_constant=0.0 if source == "current" else rig.amplifier_time_constant,
         effects={name: values for name, values in rig.effects.items() if name not in upstream},
     )
     # A converter holds for a control step; a recording that is slower than the controller shows nothing held.

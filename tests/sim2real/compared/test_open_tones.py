@@ -16,6 +16,7 @@ from sim2real.compared.open_tones import (
     _taken_out,
     agreed,
     log_chances,
+    nuisance_columns,
     residual_of,
     toned,
     tones_in,
@@ -210,3 +211,11 @@ def test_a_tone_that_another_recording_shows_is_seen_beside_harmonics_of_the_dri
     for record in toned(records):
         (tone,) = record.tones
         assert tone.frequency == pytest.approx(frequency, abs=0.05)
+
+
+def test_tones_that_are_nearly_one_have_columns_of_their_own(read):
+    """Three times a rotation at 50.013 Hz lies beside the third harmonic of the mains, and both are unknown."""
+    record, amplitude, found = read(Bench(), "noise"), {"opened": np.ones(1, complex)}, {}
+    for frequency in (150.01, 150.04):
+        found |= nuisance_columns(record, Tone(frequency, amplitude, 1e4), ("plant",))
+    assert len(found) == 4

@@ -1,15 +1,19 @@
 """Tones of recordings without a period, as the opened loop of a rig that was found shows them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
+from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.linear.loop import loop_response
+from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.open_tones import with_tones
-from sim2real.compared.point import Point
+from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import assemble
-from sim2real.judgement.sightings import FOREIGN, Sighting, _foreign_elsewhere, _is_trend, sightings
+from sim2real.judgement.sightings import FOREIGN, Sighting, _foreign_elsewhere, _is_trend, _opened, sightings
 from sim2real.recorded.records import read_records
 
 TONE = 2e-6  # m, of the probe, at 61.7 Hz
@@ -24,6 +28,20 @@ def test_the_size_of_a_tone_is_that_of_the_rig_found(tmp_path):
     (seen,) = sightings(assemble([with_tones(record, found)], near=found), found)
     assert seen.family == FOREIGN and seen.frequency == pytest.approx(61.7, abs=0.1)
     assert seen.size == pytest.approx(TONE, rel=0.03)
+
+
+def test_a_tone_of_two_axes_has_the_size_that_it_has_along_each():
+    """A circular runout turns: its amplitude is that of either axis, which open their own loops."""
+    rig = load_rig("hmb_radial")
+    rig = replace(rig, gains=(rig.gains, replace(rig.gains, kp=0.5 * rig.gains.kp)))
+    record, f = SimpleNamespace(experiment=Experiment(rig, rig.gains, ())), 60.0
+    loops = [loop_response(axis_experiment(record.experiment, axis), np.array([f])) for axis in range(2)]
+    back = np.array([1 + r.plant[0] * r.controller[0] for r in loops])
+    assert abs(back[0]) > 1.05 * abs(back[1])
+    size, _ = _opened(record, NOMINAL, f, TONE * np.array([1.0, 1j]) / back)
+    assert size == pytest.approx(TONE, rel=1e-6)
+    size, _ = _opened(record, NOMINAL, f, None, TONE * np.array([1.0, 1j]))
+    assert size == pytest.approx(TONE, rel=1e-6)
 
 
 @pytest.mark.parametrize(("frequency", "trend"), [(43.76, True), (44.5, True), (45.0, False), (46.0, False)])
