@@ -177,7 +177,6 @@ def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting 
 
 
 def _between(index: int, part: Part, point: Point) -> list[Sighting]:
-    modes = [(mode["frequency"], min(RINGING, RINGING_WIDTHS * mode["damping_ratio"])) for mode in modes_of(point)]
     record, found = part.record, []
     if not record.tones:
         return []
@@ -185,7 +184,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     resolution = _resolution(record)
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution * _told(record, tone)) or FOREIGN
-        if name == FOREIGN and any(abs(np.log2(tone.frequency / f)) < near for f, near in modes):
+        if not name.startswith("spin") and _rings(point, tone.frequency):
             continue  # noise that excites a lightly damped mode
         harmonic = 1
         if name != FOREIGN:
@@ -196,6 +195,12 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
             Sighting(index, name, harmonic, tone.frequency, size, size / np.sqrt(tone.chi2), receptance, tone.chi2)
         )
     return found
+
+
+def _rings(point: Point, frequency: float) -> bool:
+    """Whether a mode of a point rings at a frequency: noise excites it there, and its lines are simulated worst."""
+    modes = ((mode["frequency"], min(RINGING, RINGING_WIDTHS * mode["damping_ratio"])) for mode in modes_of(point))
+    return any(abs(np.log2(frequency / f)) < near for f, near in modes)
 
 
 def _told(record: Record | OpenRecord, tone: Tone) -> float:
@@ -310,7 +315,7 @@ def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
     for name, tones in families(record.experiment.speed_rpm).items():
         for harmonic, f in enumerate(tones, 1):
             at = np.flatnonzero(abs(record.frequency - f) < ON_LINE * record.experiment.fundamental)
-            if not at.size:
+            if not at.size or (not name.startswith("spin") and _rings(point, f)):
                 continue
             line = int(at[0])
             near = np.arange(max(line - AROUND, 0), min(line + AROUND + 1, r.shape[1]))

@@ -1,6 +1,7 @@
 """Tones in recordings without a period, of another bench: found, measured, taken out, and not seen in noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -219,3 +220,10 @@ def test_tones_that_are_nearly_one_have_columns_of_their_own(read):
     for frequency in (150.01, 150.04):
         found |= nuisance_columns(record, Tone(frequency, amplitude, 1e4), ("plant",))
     assert len(found) == 4
+
+
+@pytest.mark.parametrize(("mode", "seen"), [(51.5, 0), (300.0, 1)])
+def test_beside_a_mode_a_tone_of_the_mains_is_what_noise_makes_of_it(read, mode, seen):
+    record = replace(read(Bench(), "noise"), tones=(Tone(50.2, {"opened": np.array([1e-7 + 0j])}, 100.0),))
+    point = Point({"sensor_resonance": {"frequency": mode, "damping_ratio": 0.016, "coupling": 0.06}}, {})
+    assert len(_between(0, SimpleNamespace(record=record), point)) == seen
