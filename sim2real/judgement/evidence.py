@@ -24,7 +24,7 @@ from sim2real.recorded.records import Record
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import differentiate
-from sim2real.search.hypotheses import REPLACED, added_lag
+from sim2real.search.hypotheses import REPLACED, RESONANCES, added_lag
 
 NEAR_BEST = 300.0  # cost above the best within which it is asked whether resonances and friction are shown as such
 IDLE = 25.0  # cost that an effect must save to be named although it ended where it changes nothing
@@ -141,6 +141,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     p, candidates = attribution.problem, attribution.candidates
     rig, reached = p.parts[0].record.nominal, (motion_reached(p), current_reached(p))
     cost, nameless, refused = np.full(len(candidates), inf), inf, np.full(len(candidates), inf)
+    on_one_line: dict[int, float] = {}
     for i, c in enumerate(candidates):
         if len(c.effects) == 1 or not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
@@ -162,9 +163,33 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
         limited = all(shows_limit(p, fit, name, _without(attribution, int(i), name)) for name in asked)
         if not limited and len(candidates[i].effects) == 1:
             refused[i] = cost[i]
-        if not limited or acts_on_one_line(p, fit):
+        if limited and acts_on_one_line(p, fit):
+            on_one_line[int(i)] = float(cost[i])
+        if not limited or i in on_one_line:
             cost[i] = inf
+    for i in as_good_as_others(attribution, cost, on_one_line):
+        cost[i] = on_one_line[i]
     return cost, nameless, refused
+
+
+def as_good_as_others(attribution: Attribution, cost: np.ndarray, on_one_line: Mapping[int, float]) -> list[int]:
+    """Candidates whose resonance acts on one line, beside the same with another resonance that acts on several and
+    explains no more: what tells the one from the other is not their shape, and both are a class.
+
+    Args:
+        attribution: The fitted candidates.
+        cost: Of each candidate; inf of those that are not named.
+        on_one_line: Candidate -> its cost, of those whose resonance acts on one line.
+    """
+    effects = [set(c.effects) for c in attribution.candidates]
+
+    def alike(a: set[str], b: set[str]) -> bool:
+        return len(a) == len(b) and a.difference(RESONANCES) == b.difference(RESONANCES)
+
+    return [
+        i for i, own in on_one_line.items()
+        if any(alike(effects[i], other) and cost[j] < own + NO_GAP for j, other in enumerate(effects))
+    ]  # fmt: skip
 
 
 def _without(attribution: Attribution, candidate: int, name: str) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sim2real.compared.point import Point
+from sim2real.judgement.evidence import as_good_as_others
 from sim2real.judgement.on_one_line import FLANKS, LINES, acts_on_one_line, flanks, lines_of
 from sim2real.search.fitting import begin
 from sim2real.search.hypotheses import Hypothesis
@@ -80,3 +81,14 @@ def test_lines_are_counted_by_power_and_those_of_all_recordings_together():
     assert lines_of(b, np.ones_like(one)) == pytest.approx(len(LOW))
     assert lines_of(b, 0 * one) == 0.0
     assert b.simulate([Point({}, {})]).shape == (1, len(LOW) * HIGH)
+
+
+RIVALS = [("support_resonance", 2.0, True), ("support_resonance", 20.0, False), ("delay", 2.0, False)]
+
+
+@pytest.mark.parametrize(("other", "more", "kept"), RIVALS)
+def test_a_resonance_on_one_line_stays_beside_another_one_that_explains_no_more(other, more, kept):
+    """A mode that shows beside a line may be that of the probe or of the support, wherever the fit of each puts it."""
+    attribution = SimpleNamespace(candidates=[SimpleNamespace(effects=(n,)) for n in ("sensor_resonance", other)])
+    cost = np.array([np.inf, 531.0 + more])
+    assert as_good_as_others(attribution, cost, {0: 531.0}) == ([0] if kept else [])
