@@ -20,7 +20,8 @@ def effective_coefficients(
         controller_response: Complex response G (..., n), A/m, from displacement to the current that opposes it; a
             positive proportional gain is then a positive stiffness.
         actuator_gain: Force per current, N/A.
-        negative_stiffness: Stiffness of the magnet, N/m, at most 0. Springs beside the magnet add to k.
+        negative_stiffness: Stiffness of the magnet, N/m; positive of a magnet that a permanent one carries beyond its
+            iron's pull. Springs beside the magnet add to k.
 
     Returns:
         stiffness: Effective stiffness (..., n), N/m.
@@ -33,7 +34,6 @@ def effective_coefficients(
     response = np.asarray(controller_response, dtype=np.complex128)
     if response.ndim == 0 or response.shape[-1] != omega.size:
         raise ValueError(f"controller_response must have {omega.size} values in its last dimension, one per frequency")
-    _check_negative(negative_stiffness)
     return negative_stiffness + actuator_gain * response.real, actuator_gain * response.imag / omega
 
 

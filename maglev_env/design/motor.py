@@ -110,6 +110,8 @@ class Motor:
     def top_speed(self) -> float:
         """The speed (rad/s) at which the drag uses all available torque; without drag the no-load speed."""
         no_load = self.phase_voltage / self.back_emf(1.0)
+        if self._net(no_load) >= 0:  # without drag, but for rounding
+            return no_load
         return float(scipy.optimize.brentq(self._net, 0.0, no_load, xtol=1e-12 * no_load))
 
     def spin_up_time(self, to_rpm: float, inertia: float) -> float:

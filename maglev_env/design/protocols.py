@@ -10,7 +10,7 @@ from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
 from maglev_env.rig.excitation import Excitation, lines_at
-from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig import Rig, axis_rig
 
 DIAGNOSIS_PERIODS = 8
 OFFSET_SHARE = 0.05  # of the gap
@@ -56,16 +56,17 @@ def diagnosis_campaign(rig: Rig, gains: Controllers, effects: Effects, seed: int
         raise ValueError(f"rig {rig.name}: the diagnosis campaign needs a [protocol] with an excitation at the force")
     rng = np.random.default_rng(seed)
     force, injection = _diagnosis_lines(rig, rng)
-    amplitude = {e.at: e.amplitude for e in rig.protocol.excitations}
-    direction = next(e.direction for e in rig.protocol.excitations if e.at == "force")
+    pushing = next(e for e in rig.protocol.excitations if e.at == "force")
+    own = [axis_rig(rig, axis).protocol for axis in range(rig.axes)]
+    injecting = [max((e.amplitude for e in p.excitations if e.at == "current"), default=0.0) for p in own if p]
 
     def experiment(realisation: int, scale: float = 1.0, **changes: object) -> Experiment:
         fundamental = rig.protocol.excitations[0].fundamental
         drawn = {"kind": "multisine", "fundamental": fundamental, "seed": realisation}
-        push = amplitude["force"] * scale
-        parts = [Excitation(at="force", lines=force, amplitude=push, direction=direction, **drawn)]
+        push = pushing.amplitude * scale
+        parts = [Excitation(at="force", lines=force, amplitude=push, direction=pushing.direction, **drawn)]
         for axis in range(rig.axes if injection else 0):  # x and y take turns
-            lines, size = injection[axis :: rig.axes], amplitude["current"] * scale
+            lines, size = injection[axis :: rig.axes], injecting[axis] * scale
             parts.append(Excitation(at="current", lines=lines, amplitude=size, direction=90.0 * axis, **drawn))
         base = Experiment(
             rig,

@@ -14,6 +14,7 @@ from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis, reads_cur
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra
+from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.rig import Rig, with_parameters
 
 LEAST = 4  # lines that margins can be read from
@@ -52,7 +53,8 @@ def stability_of(
     elif rig is not None and rig.controlled and signals.gains is not None and forced:
         measured = statistics.at_lines(force.lines)
         receptance, noise = frequency_response(measured, "displacement", "force")
-        feedback = _feedback(rig, signals.gains, force.frequency)
+        held = bool(signals.hold_rate)
+        feedback = _feedback(rig, signals.gains, force.frequency, held)
         s, variance = 1 - feedback * receptance, np.abs(feedback) ** 2 * noise
         loop, source = force, "assumes the nominal actuator"
         why = "no injection at the current: margins assume the nominal actuator and controller"
@@ -66,29 +68,41 @@ def stability_of(
     # The variance of a line is the mean over its neighbours of scatters over the periods.
     found = margins(loop.frequency, s, variance, freedom=2 * POOL * (loop.periods - 1))
     if source != "injection" and rig is not None and signals.gains is not None:
-        found = _within_tolerance(found, loop.frequency, receptance, rig, signals.gains)
+        found = _within_tolerance(found, loop.frequency, receptance, rig, signals.gains, held)
     zone3 = iso_14839_3_zone(found.peak_sensitivity)
     return Stability(source, found, zone3, loop.frequency, s, variance), why
 
 
-def _feedback(rig: Rig, gains: Controllers, frequency: np.ndarray) -> np.ndarray:
-    """Force of the nominal controller and actuator per displacement reading, N/m, at frequencies (n,) in Hz."""
+def _feedback(rig: Rig, gains: Controllers, frequency: np.ndarray, held: bool) -> np.ndarray:
+    """Force of the nominal controller and actuator per displacement reading, N/m, at frequencies (n,) in Hz.
+
+    Args:
+        rig: The nominal rig.
+        gains: Its controller.
+        frequency: (n,), Hz.
+        held: Whether the measured force is held over control steps; else it is a continuous one.
+    """
     nominal = nominal_response(rig, gains, frequency)
-    return nominal.controller * nominal.plant * nominal.sensitivity / nominal.receptance
+    x = frequency / rig.control_rate
+    hold = 1.0 if held else np.sinc(x) * np.exp(-1j * np.pi * x)
+    return nominal.controller * nominal.plant * nominal.sensitivity / nominal.receptance * hold
 
 
 def _within_tolerance(
-    found: Margins, frequency: np.ndarray, receptance: np.ndarray, rig: Rig, gains: Controllers
+    found: Margins, frequency: np.ndarray, receptance: np.ndarray, rig: Rig, gains: Controllers, held: bool
 ) -> Margins:
     """Margins whose intervals hold also where the nominal parameters are off by their tolerances."""
-    before = margin_arrays(frequency, 1 - _feedback(rig, gains, frequency) * receptance)
+    before = margin_arrays(frequency, 1 - _feedback(rig, gains, frequency, held) * receptance)
+    of_geometry = dict(zip(("actuator_gain", "negative_stiffness"), linearise(force_law(rig)), strict=True))
     spread = dict.fromkeys(found.intervals, 0.0)
     for name, tolerance in rig.tolerance.items():
-        value = getattr(rig, name)
-        if value is None:  # of magnets that are described by their geometry
-            value = dict(zip(("actuator_gain", "negative_stiffness"), linearise(force_law(rig)), strict=True))[name]
-        other = with_parameters(rig, {name: value * (1 + tolerance)})
-        after = margin_arrays(frequency, 1 - _feedback(other, gains, frequency) * receptance)
+        stated = rig
+        if getattr(rig, name) is None:
+            if name not in of_geometry:
+                continue  # the rig has none of it
+            stated = with_parameters(rig, {name: of_geometry[name]})
+        other = scaled_rig(stated, {name: 1 + tolerance})
+        after = margin_arrays(frequency, 1 - _feedback(other, gains, frequency, held) * receptance)
         for margin in spread:
             moved = float(np.log(after[margin] / before[margin]))
             spread[margin] = float(np.hypot(spread[margin], NORMAL_95 * moved if np.isfinite(moved) else 0.0))

@@ -48,5 +48,5 @@ def worst_of(
         one = asked.get(name) or Requirement(name, 1.0)
         worst = np.argmax([misses(one, values[name]) for values in required], axis=0)
         for own, parts in zip(found, (required, *bounds), strict=True):
-            own[name] = np.choose(worst, [values[name] for values in parts])
+            own[name] = np.take_along_axis(np.stack([values[name] for values in parts]), worst[None], axis=0)[0]
     return found

@@ -48,7 +48,6 @@ def test_leading_dimensions_are_kept():
     [
         (([0.0, 1.0], [1j, 1j], 1.0, -1.0), "frequency"),
         (([1.0, 2.0], [1j], 1.0, -1.0), "controller_response"),
-        (([1.0, 2.0], [1j, 1j], 1.0, 1.0), "negative_stiffness"),
     ],
 )
 def test_bad_input_is_named(arguments, name):
@@ -58,3 +57,10 @@ def test_bad_input_is_named(arguments, name):
         frequency, _, gain, negative = arguments
         with pytest.raises(ValueError, match=name):
             pid_effective_coefficients(frequency, 1.0, 0.0, 0.0, 0.0, gain, negative)
+
+
+def test_a_magnet_that_restores_adds_its_stiffness_and_a_pid_form_refuses_it():
+    stiffness, _ = effective_coefficients([1.0, 2.0], [3.0 + 0j, 3.0 + 0j], 2.0, 81.0)
+    assert stiffness == pytest.approx([87.0, 87.0])
+    with pytest.raises(ValueError, match="negative_stiffness"):
+        pid_effective_coefficients([1.0, 2.0], 1.0, 0.0, 0.0, 0.0, 2.0, 81.0)

@@ -47,7 +47,7 @@ def identified(signals: RecordedSignals, rig: Rig, gains: Gains, file: str) -> G
         )
     kept = slice(spectra.transient_periods * per_period(signals) if signals.periodic else 0, None)
     current = signals.channels.get("current", signals.channels.get("command", np.full(1, np.nan)))
-    noise, error = _noise_current(signals, rig)
+    noise, error = _noise_current(signals, rig, spectra.transient_periods)
     return GainSet(
         gains, (file,), receptance, sensitivity, plant, (spectra.force,) if receptance else (),
         float(np.abs(signals.channels["displacement"][kept]).max()), float(np.sqrt(np.mean(current[kept] ** 2))), None,
@@ -55,16 +55,16 @@ def identified(signals: RecordedSignals, rig: Rig, gains: Gains, file: str) -> G
     )  # fmt: skip
 
 
-def _noise_current(signals: RecordedSignals, rig: Rig) -> tuple[float, float]:
+def _noise_current(signals: RecordedSignals, rig: Rig, transient: int) -> tuple[float, float]:
     """Rms of what does not repeat of the coil's current, less the noise of its reading, and its relative error.
 
     nan where nothing is left. Where the reading has far more noise than the current, what is left is a small difference
-    of large powers.
+    of large powers. The first periods, as many as are transient and at least one, and masked ones do not count.
     """
     if not signals.periodic or "current" not in signals.channels:
         return np.nan, 0.0
     n, current = per_period(signals), signals.channels["current"]
-    periods = current[: current.size // n * n].reshape(-1, n)[1:]
+    periods = np.delete(current[: current.size // n * n].reshape(-1, n), signals.left_out, axis=0)[max(transient, 1) :]
     if len(periods) < 2:
         return np.nan, 0.0
     power = float((periods - periods.mean(axis=0)).var() * len(periods) / (len(periods) - 1))
@@ -80,5 +80,5 @@ def _response(statistics: LineStatistics, output: str, source: str) -> Response:
 
 
 def per_period(signals: RecordedSignals) -> int:
-    """Samples in a period of a recording that has one."""
-    return next(e for e in signals.excitations if e.periodic).samples_per_period(signals.sample_rate)
+    """Samples in what repeats of a recording: a period, or the block of periods that holds whole samples."""
+    return next(e for e in signals.excitations if e.periodic).block(signals.sample_rate)[0]

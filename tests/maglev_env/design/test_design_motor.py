@@ -126,3 +126,11 @@ def test_a_motor_that_cannot_be_is_refused():
         replace(MOTOR, pole_pairs=1.5)
     with pytest.raises(ValueError, match="inertia"):
         MOTOR.spin_up_time(100.0, 0.0)
+
+
+def test_without_drag_every_motor_reaches_its_no_load_speed():
+    """Rounding may leave a torque of 1e-17 N m there, or the opposite."""
+    rng, varied = np.random.default_rng(0), ("radius", "length", "flux_density", "winding_resistance", "supply_voltage")
+    for _ in range(200):
+        free = replace(MOTOR, **{name: getattr(MOTOR, name) * float(rng.uniform(0.3, 3.0)) for name in varied})
+        assert free.top_speed() == pytest.approx(free.phase_voltage / free.back_emf(1.0))

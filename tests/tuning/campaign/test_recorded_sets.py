@@ -7,6 +7,7 @@ import pytest
 from campaigns import campaign
 
 from maglev_env.recordings.campaign import load_campaign
+from maglev_env.rig.excitation import Excitation
 from tuning.campaign import lines_shown as module
 from tuning.campaign.recorded_sets import recorded_sets
 
@@ -38,8 +39,24 @@ def test_a_noise_current_below_that_of_its_meter_is_as_uncertain_as_it_says(monk
 
     def recorded(own):
         current = np.tile(rng.standard_normal(1000), 6) + np.hypot(own, 2e-3) * rng.standard_normal(6000)
-        return module._noise_current(SimpleNamespace(periodic=True, channels={"current": current}), rig)
+        signals = SimpleNamespace(periodic=True, channels={"current": current}, left_out=())
+        return module._noise_current(signals, rig, 0)
 
     found = np.array([recorded(0.8e-3) for _ in range(200)])
     assert 0.8 < np.median(found[:, 1]) * 0.8e-3 / found[:, 0].std() < 1.2
     assert recorded(20e-3)[1] < 0.015 and np.isnan(recorded(1e-5)[0]) | (recorded(1e-5)[1] > 1)
+
+
+def test_a_transient_and_masked_periods_are_no_noise(monkeypatch):
+    monkeypatch.setattr(module, "per_period", lambda signals: 1000)
+    rig, rng = SimpleNamespace(noise=SimpleNamespace(current=0.0)), np.random.default_rng(4)
+    current = 1e-3 * rng.standard_normal(8000) + 0.1 * np.exp(-np.arange(8000) / 250)
+    current[5100:5200] = 0.3
+    signals = SimpleNamespace(periodic=True, channels={"current": current}, left_out=(5,))
+    noise, _ = module._noise_current(signals, rig, 3)
+    assert noise == pytest.approx(1e-3, rel=0.05)
+
+
+def test_what_repeats_may_be_a_block_of_periods():
+    excitation = Excitation("multisine", "current", 3.0, (1, 2), 1.0)
+    assert module.per_period(SimpleNamespace(excitations=(excitation,), sample_rate=20000.0)) == 20000
