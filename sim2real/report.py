@@ -12,7 +12,7 @@ from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.verdict import CLASS_SHARE, with_effects
-from sim2real.result import Diagnosis, block_of
+from sim2real.result import Diagnosis, block_of, fitted_parameters
 from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, added_lag, dead_part, usual_tolerances
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
@@ -62,6 +62,8 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
         effects = (CALIBRATION,)
     listed = diagnosis.to_json()["which"]
     fitted = next((row["parameters"] for row in listed if tuple(row["effects"]) == effects), {})
+    if diagnosis.free is not None and diagnosis.free.gained:  # the rig is that of the fit with the correction
+        fitted = fitted_parameters(diagnosis.free.candidate)
     found = []
     for name, values in diagnosis.corrected.effects.items():
         if name in FREE:

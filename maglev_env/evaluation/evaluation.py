@@ -45,8 +45,8 @@ class Evaluation(Presented):
         feasible: The linearised loop is stable and the rotor never touched down. A rotor may also stay near a pole
             although it is unstable in the centre.
         axis: 0 (x) or 1 (y).
-        required: What a goal measures, by name (see `rig.goal.QUANTITIES`), of the worst rig if it is judged on
-            several. Empty for the goal `match`.
+        required: What a goal measures, by name (see `rig.goal.QUANTITIES`), each of the axis where it is worse, and of
+            the worst rig if it is judged on several. Empty for the goal `match`.
         required_low, required_high: Their 95 % bounds where they are known (see `requirements.Measured`).
     """
 

@@ -111,13 +111,19 @@ def ready() -> None:
 
 def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
     """The first evaluation, with the score of the worst values over all, which are of one gain set on several rigs."""
-    ends = ([p.required for p in parts], [p.required_low for p in parts], [p.required_high for p in parts])
-    required, low, high = worst_of(goal, *ends)
+    required, low, high = _worst_required(goal, parts)
     own = goal_terms(goal, required)
     feasible = np.all([part.feasible for part in parts], axis=0)
     total = np.where(feasible, goal_score(own), 0.0)
     return replace(
         parts[0], required=required, required_low=low, required_high=high, terms=own, score=total, feasible=feasible
+    )
+
+
+def _worst_required(goal: Goal, parts: Sequence[Evaluation]) -> list[dict[str, np.ndarray]]:
+    """What a goal measures, of the worst of several rigs or axes, and the bounds of that."""
+    return worst_of(
+        goal, [p.required for p in parts], [p.required_low for p in parts], [p.required_high for p in parts]
     )
 
 
@@ -147,7 +153,12 @@ def evaluated(
         return parts[0]
     # A rotor is only as good as its worse axis.
     worse = np.argmin([part.score for part in parts], axis=0)
-    return joined(parts, lambda values: np.choose(worse.reshape(-1, *[1] * (values[0].ndim - 1)), values))
+    found = joined(parts, lambda values: np.choose(worse.reshape(-1, *[1] * (values[0].ndim - 1)), values))
+    if not goal:
+        return found
+    # The axis with the lower score may meet what the other one misses, whose best quantity is better.
+    required, low, high = _worst_required(goal, parts)
+    return replace(found, required=required, required_low=low, required_high=high)
 
 
 def _of_axis(

@@ -27,7 +27,10 @@ def scaled_rig(rig: Rig, factors: Mapping[str, float]) -> Rig:
             raise
         scaled = with_parameters(rig, {**changed, "bias_current": 0.0})
     if rig.axes == 2:  # an axis' own parameters vary with the rig's
-        own = {axis: {n: v * factors.get(n, 1.0) for n, v in values.items()} for axis, values in rig.per_axis.items()}
+        own = {
+            axis: {n: v * factors[n] if n in factors else v for n, v in values.items()}
+            for axis, values in rig.per_axis.items()
+        }
         scaled = replace(scaled, per_axis=own)
         axis_rig(scaled, 0)
     return scaled

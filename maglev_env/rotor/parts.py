@@ -93,7 +93,7 @@ class Axial(_Checked):
     def stiffness(self) -> float:
         """Stiffness of one bearing, N/m: least squares through zero force at rest, which follows from symmetry."""
         z, f = np.array(self.displacement), np.array(self.force)
-        off = f - np.interp(0.0, z, f)
+        off = f - (np.interp(0.0, z, f) if z[0] <= 0 <= z[-1] else 0.0)
         return float(-(z @ off) / (z @ z))
 
     @property

@@ -114,6 +114,12 @@ def _look(item: Item, base: Part) -> tuple[Predictor, np.ndarray]:
     return predictor(item.record, opened), np.where(noise > 0, weights, np.inf)
 
 
+def _inside(fit: Fit, step: np.ndarray) -> np.ndarray:
+    """Coordinates (size,) a step away, or as far in the other direction where the range ends before."""
+    ahead, back = (fit.hypothesis.bounded(fit.u + signed) for signed in (step, -step))
+    return ahead if np.linalg.norm(ahead - fit.u) >= 0.5 * np.linalg.norm(step) else back
+
+
 def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> float:
     """Smallest cost by which any two candidates differ in a recording; -inf where one of them touches down in it, or
     where nothing says how noisy it would be.
@@ -128,13 +134,14 @@ def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> float:
     for fit in fits:
         points.append(fit.hypothesis.point(fit.u))
         own = np.where(fit.prior > 0, CALIBRATION_STEP, np.maximum(STEP, STEP * abs(fit.u)))
-        steps.append(own)
-        points += [fit.hypothesis.point(fit.hypothesis.bounded(fit.u + d)) for d in np.diag(own)]
+        moved = [_inside(fit, d) for d in np.diag(own)]
+        steps.append(np.array([v[i] - fit.u[i] for i, v in enumerate(moved)]))
+        points += [fit.hypothesis.point(v) for v in moved]
     predicted = (predict(points) * weights).reshape(len(points), -1)
     at, found = 0, []
     for fit, own in zip(fits, steps, strict=True):
         rows = predicted[at : at + 1 + fit.hypothesis.size]
-        found.append((rows[0], (rows[1:] - rows[0]) / own[:, None]))
+        found.append((rows[0], (rows[1:] - rows[0]) / np.where(own == 0, np.inf, own)[:, None]))  # 0: it is held
         at += len(rows)
     worst = np.inf
     for i, j in permutations(range(len(fits)), 2):

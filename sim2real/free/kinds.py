@@ -143,9 +143,11 @@ class Freed(Hypothesis):
         return own
 
     def point(self, u: np.ndarray) -> Point:
-        plain = super().point(u)
-        places = dict.fromkeys(kind.place for kind in self.added)
-        freed = {place: self.sizes.constants(place) | dict(plain.effects[place]) for place in places}
+        plain, first = super().point(u), len(self.named)
+        freed = {kind.place: self.sizes.constants(kind.place) for kind in self.added}
+        # Two kinds of one place may have a coefficient in common, as the part that acts at once.
+        for c, v in zip(self.coordinates[first:], u[first:], strict=False):
+            freed[c.effect][c.parameter] += c.value(float(v))
         return replace(plain, effects={**plain.effects, **freed})
 
     def place_of(self, kind: Kind) -> slice:

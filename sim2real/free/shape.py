@@ -86,10 +86,11 @@ def form_of(at: np.ndarray, value: np.ndarray, covariance: np.ndarray, slope_sd:
         best = int(np.argmin(chi2))
         near = knees[chi2 <= chi2[best] + CONFIDENT * max(chi2[best] / max(at.size - 3, 1), 1.0)]
         _, theta, spread = tried[best]
-        size = float(np.max(abs(form(x, knees[best]))))
+        most = form(x, knees[best])
+        size = float(most[np.argmax(abs(most))])  # where it does most, with its sign
         apart = 0.5 * (knees[1] - knees[0])
         ends = (float((near[0] - apart) * reach), float((near[-1] + apart) * reach))
-        own = Form(name, float(theta[0]), float(theta[1]) * size, float(np.sqrt(spread[1, 1])) * size,
+        own = Form(name, float(theta[0]), float(theta[1]) * size, float(np.sqrt(spread[1, 1])) * abs(size),
                    float(knees[best]) * reach, ends)  # fmt: skip
         found.append((SAME * chi2[best] + KNEE, own))
     least, best_form = min(found, key=lambda item: item[0])

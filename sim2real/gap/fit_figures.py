@@ -23,14 +23,13 @@ class Figures:
     predicted: float
 
 
-def _closed(part: Part) -> np.ndarray:
-    """Factor (axes, used) from opened residuals of the reading to those of the reading itself."""
-    opened = part.opened
-    return 1 / opened.closed[:, part.used]
+def _reading(part: Part, opened: np.ndarray) -> np.ndarray:
+    """What residuals (outputs, axes, used) of the opened loop are in the reading itself, (axes, used)."""
+    return part.opened.at(part.used).displacement(opened)
 
 
 def motion(part: Part) -> float:
-    y = part.measured[part.opened.outputs.index("plant")][:, part.used] * _closed(part)
+    y = _reading(part, part.measured[..., part.used])
     record = part.record
     if not isinstance(record, OpenRecord):
         y = record.mean("displacement")[:, part.used]
@@ -48,9 +47,8 @@ def figures(problem: Problem, residual: np.ndarray) -> Figures | None:
         return None
     left = moved = 0.0
     for part in problem.parts:
-        plant = part.opened.outputs.index("plant")
-        r = residual[part.place].reshape(*part.measured.shape[:2], -1)[plant]
-        off = r * part.noise[plant][:, part.used] / np.sqrt(2) * _closed(part)
+        r = residual[part.place].reshape(*part.measured.shape[:2], -1)
+        off = _reading(part, r * part.noise[..., part.used] / np.sqrt(2))
         left, moved = left + _rms(off) ** 2, moved + motion(part) ** 2
     rms = float(np.sqrt(left / len(problem.parts)))
     return Figures(float(np.mean(abs(residual) ** 2) / 2), rms, 1 - left / moved if moved else 0.0)

@@ -1,6 +1,6 @@
 """Where the gap lies: in which block of the loop, which band, which kind of lines, and what is unsynchronised."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,19 +113,25 @@ def _of_part(part: Part, r: np.ndarray, on: np.ndarray) -> dict[str, float]:
     sd = np.sqrt(variance[:, part.used] / 2)
     either = on[plant] | on[amplifier]
     found = {DRIVE: _excess(r[amplifier], either)}
-    forced = record.driven["force"][:, part.used]
-    injected = record.driven["current"][:, part.used]
-    if not (forced.any() and injected.any()):
-        return {**found, PLANT: _excess(rest / sd, either)}
-    return {**found, **_actuator_or_not(part, rest / sd, sd, either)}
+    # Along an axis that only one of both drives, nothing tells the actuator from what it moves.
+    both = [
+        all(record.driven[place][axis, part.used].any() for place in ("force", "current"))
+        for axis in range(len(on[plant]))
+    ]
+    alone = np.array([not own for own in both])
+    if alone.any():
+        found[PLANT] = _excess((rest / sd)[alone], either[alone])
+    return {**found, **_actuator_or_not(part, rest / sd, sd, either, np.flatnonzero(both))} if any(both) else found
 
 
 def _excess(r: np.ndarray, on: np.ndarray) -> float:
     return float(np.where(on, abs(r) ** 2 - 2.0, 0.0).sum())
 
 
-def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarray) -> dict[str, float]:
-    """Split the gap between current and reading into actuator and receptance.
+def _actuator_or_not(
+    part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarray, axes: Sequence[int]
+) -> dict[str, float]:
+    """Split the gap between current and reading along these axes into actuator and receptance.
 
     Force and current lines of one third octave separate the actuator's change a from the receptance's change m, because
     rest = a G i + m (G i + H f).
@@ -137,8 +143,8 @@ def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarra
     driven = gain * current
     moved = driven + part.opened.receptance[:, used] * force
     found = {ACTUATOR: 0.0, RECEPTANCE: 0.0}
-    for axis in range(record.axes):
-        for own in _told_apart(part, on[axis]):
+    for axis in axes:
+        for own in _told_apart(part, on[axis], axis):
             columns = np.stack([driven[axis, own], moved[axis, own]], axis=1) / sd[axis, own, None]
             (a, m), *_ = np.linalg.lstsq(columns, rest[axis, own], rcond=1e-6)
             shares = [float(np.sum(abs(x * c) ** 2)) for x, c in ((a, columns[:, 0]), (m, columns[:, 1]))]
@@ -149,10 +155,10 @@ def _actuator_or_not(part: Part, rest: np.ndarray, sd: np.ndarray, on: np.ndarra
     return found
 
 
-def _told_apart(part: Part, on: np.ndarray) -> list[np.ndarray]:
+def _told_apart(part: Part, on: np.ndarray, axis: int) -> list[np.ndarray]:
     """Neighbouring third octaves (n,), merged until each has two lines of the force and two of the current."""
     record, used = part.record, part.used
-    kinds = [record.driven[place][:, used].any(axis=0) & on for place in ("force", "current")]
+    kinds = [record.driven[place][axis, used] & on for place in ("force", "current")]
     thirds = np.floor(OCTAVE_THIRDS * np.log2(record.frequency[used])).astype(int)
     found: list[np.ndarray] = []
     own = np.zeros(thirds.size, bool)

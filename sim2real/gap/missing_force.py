@@ -71,7 +71,7 @@ def profiles(parts: Sequence[Part], point: Point) -> tuple[Profile, ...]:
 def _profile(name: str, x: np.ndarray, force: np.ndarray, independent: float) -> Profile:
     """The profile of samples (n,), of which a share is independent."""
     order = np.argsort(x, kind="stable")
-    bins = np.array_split(order, BINS)
+    bins = np.array_split(order, min(BINS, max(x.size // 2, 1)))
     at, mean = (np.array([v[b].mean() for b in bins]) for v in (x, force))
     count = np.array([b.size for b in bins])
     se = np.array([force[b].std() for b in bins]) / np.sqrt(np.maximum(independent * count, 1))
@@ -114,12 +114,11 @@ def _periodic_spectra(part: Part, point: Point) -> _Spectra | None:
     if not np.isfinite(predicted).all():
         return None
     plant = opened.outputs.index("plant")
-    displacement = predicted[plant] / opened.closed
+    displacement = opened.displacement(predicted)
     found = {"force": (part.measured - predicted)[plant] / opened.receptance, "displacement": displacement}
     if "amplifier" in opened.outputs:
-        found["current"] = predicted[opened.outputs.index("amplifier")] - opened.amplifier * (
-            opened.controller * displacement
-        )
+        driven = predicted[opened.outputs.index("amplifier")] - opened.amplifier * opened.controller * displacement
+        found["current"] = driven / (1 + opened.amplifier * opened.from_current)
     e = record.experiment
     return record.lines[used], e.recorded_per_period, e.recorded_rate, {n: v[:, used] for n, v in found.items()}
 

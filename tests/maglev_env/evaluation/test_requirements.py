@@ -243,3 +243,17 @@ def test_a_narrower_band_of_rest_waits_for_a_later_swing():
     y = np.where(t < 0.3, 1.0, np.where((t >= 0.6) & (t < 0.7), 0.09, 0.0))[None]
     assert settling_time(y, np.zeros(1), 1e-3) == pytest.approx([0.3], abs=2e-3)
     assert settling_time(y, np.zeros(1), 1e-3, 0.8) == pytest.approx([0.7], abs=2e-3)
+
+
+@pytest.mark.slow
+def test_each_axis_has_to_meet_a_goal():
+    """One axis is noisy and well damped, the other one calm with little margin: both are said of the rig."""
+    rig = load_rig("hmb_radial")
+    noisy, calm = replace(rig.gains, kd=1.6 * rig.gains.kd), replace(rig.gains, kd=0.7 * rig.gains.kd)
+    goal = "phase_margin >= 20, best noise_current near 1e-3"
+    apart, *alike = (judged(goal, [gains], rig=rig).required for gains in ((noisy, calm), noisy, calm))
+    noise, margin = (
+        np.array([found[name][0] for found in (apart, *alike)]) for name in ("noise_current", "phase_margin")
+    )
+    assert noise[0] == pytest.approx(noise[1:].max(), rel=0.1) and noise[1] > 1.2 * noise[2]
+    assert margin[0] == pytest.approx(margin[1:].min(), rel=0.1) and margin[1] > 1.2 * margin[2]

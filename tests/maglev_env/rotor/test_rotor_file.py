@@ -118,3 +118,11 @@ def test_a_runout_has_two_amplitudes_and_two_phases(tmp_path, table, words):
     path.write_text("\n[".join(blocks) + f"\n{table}\n")
     with pytest.raises(ValueError, match=words):
         load_rotor(path)
+
+
+@pytest.mark.parametrize(
+    ("at", "force"), [((1e-4, 2e-4), (-1.0, -2.0)), ((-1e-4, 1e-4), (1.3, -0.7)), ((0.0, 1e-4), (0.3, -0.7))]
+)
+def test_an_axial_curve_that_does_not_hold_the_rest_has_no_offset_to_take_off(at, force):
+    """Ten newtons a millimetre, measured on one side or on both; a force sensor that is off shows at rest."""
+    assert Axial(at, force).stiffness == pytest.approx(1e4)

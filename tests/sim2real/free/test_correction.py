@@ -12,7 +12,7 @@ from maglev_workbench.commands.diagnose.free import free_sections
 from sim2real.compared.point import tolerances
 from sim2real.compared.problem import assemble
 from sim2real.free.correction import free_correction, share_closed
-from sim2real.free.kinds import freed, kinds, sizes_of
+from sim2real.free.kinds import LINEAR, PLAY, Kind, Sizes, freed, kinds, sizes_of
 from sim2real.recorded.records import read_records
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate, iterate
@@ -94,3 +94,19 @@ def test_the_share_that_is_closed_has_its_interval():
     assert sum(lo <= 0.5 <= hi for _, (lo, hi) in found) >= 88
     assert share_closed(noise[0], 0.5 * noise[0], 0) == (None, None)
     assert share_closed(np.full(9, np.nan + 0j), np.zeros(9, complex), 0) == (None, None)
+
+
+def test_corrections_of_one_place_add_what_they_have_in_common():
+    """A part that acts at once is one of a linear correction and of a play: both together are their sum."""
+    sizes = Sizes(dict.fromkeys(("command", "current", "displacement", "velocity", "force", "share"), 1.0), 1e-3)
+    added = [Kind("free_command", shape) for shape in (LINEAR, PLAY)]
+    both = freed(Hypothesis((), {}), added, sizes)
+    u = np.zeros(both.size)
+    first, second = (both.place_of(kind).start for kind in added)
+    u[first], u[second] = 0.3, 0.2  # in units of their prior, which is that of the command: 1 A over 1 A
+    alone = freed(Hypothesis((), {}), added[:1], sizes)
+    own = np.zeros(alone.size)
+    own[0] = 0.3
+    assert both.point(u).effects["free_command"]["direct"] == pytest.approx(0.5)
+    u[second] = 0.0
+    assert both.point(u).effects == alone.point(own).effects

@@ -32,3 +32,12 @@ def test_it_is_found_in_noise(name):
 
 def test_a_wave_is_no_simple_form():
     assert form_of(AT, np.sin(3 * np.pi * AT + 0.3) - np.sin(0.3), 1e-4 * np.eye(10)).name == "free"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_size_of_a_kink_has_the_sign_of_what_it_adds_where_it_adds_most(sign):
+    """0.2 less beyond 0.4 of the range on either side."""
+    beyond = np.maximum(AT - 0.4, 0.0) if sign > 0 else np.maximum(-AT - 0.4, 0.0)
+    found = form_of(AT, -0.2 * beyond, 1e-6 * np.eye(AT.size))
+    assert found.name == ("kink above" if sign > 0 else "kink below")
+    assert found.size == pytest.approx(-0.2 * beyond.max(), rel=0.05) and found.se > 0

@@ -1,6 +1,7 @@
 """Where a gap lies: the block of an effect, its band and its kind of lines, on small simulated campaigns."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from maglev_env.loop.gains import LinearController
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.gap.locate import ACTUATOR, DRIVE, PLANT, RECEPTANCE, WHOLE, controller_distance, locate
+from sim2real.gap.locate import ACTUATOR, DRIVE, PLANT, RECEPTANCE, WHOLE, _of_part, controller_distance, locate
 from sim2real.recorded.records import read_records
 
 FREE = load_rig("hmb_free")
@@ -136,3 +137,24 @@ def test_no_command_no_word_of_the_controller(tmp_path):
     problem = problem_of(tmp_path, keep=("displacement", "current", "force", "injection"))
     assert controller_distance(problem) is None
     assert np.isfinite(problem.data).all()
+
+
+def test_along_an_axis_without_a_force_the_actuator_is_not_told_from_what_it_moves():
+    """A shaker pushes along x alone; what differs along y is in either."""
+    n = 24
+    ones, pushed = np.ones((2, n)), np.array([[True] * n, [False] * n])
+    record = SimpleNamespace(
+        experiment=SimpleNamespace(rig=SimpleNamespace(controlled=True)),
+        driven={"force": pushed, "current": np.ones((2, n), bool)},
+        frequency=np.geomspace(20.0, 60.0, n),
+        mean=lambda name: ones,
+        driving=lambda name: pushed * (1.0 + 1.0j),
+    )
+    opened = SimpleNamespace(outputs=("plant", "amplifier"), plant=ones, amplifier=ones, receptance=ones)
+    part = SimpleNamespace(record=record, opened=opened, noise=np.ones((2, 2, n)), used=np.ones(n, bool))
+    for axis, told in ((0, True), (1, False)):
+        r = np.zeros((2, 2, n), complex)
+        r[0, axis] = 10.0  # the reading alone, in proportion to the current: the actuator where that is told
+        found = _of_part(part, r, np.ones((2, 2, n), bool))
+        largest = max(found, key=lambda block: found[block])
+        assert largest == (ACTUATOR if told else PLANT)

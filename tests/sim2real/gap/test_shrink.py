@@ -12,7 +12,9 @@ from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import experiment_at, tolerances
 from sim2real.compared.problem import assemble
+from sim2real.gap.fit_figures import _reading
 from sim2real.gap.shrink import Gap, Words, closed, errors, lost, shrink
+from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import read_records
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, iterate
@@ -138,3 +140,13 @@ def test_errors_that_are_not_known_are_none():
     assert errors(gap, "stiffness") == {"before": 0.5, "after": 0.0}
     assert errors(gap, "damping") == {"before": None, "after": None}
     assert errors(gap, "peak_sensitivity") == {"before": None, "after": None}
+
+
+def test_the_reading_is_found_behind_a_controller_that_reads_the_current():
+    """The figures of a fit and the missing force go backwards through the same loop as the residuals."""
+    rng = np.random.default_rng(0)
+    blocks = [rng.normal(size=(1, 4)) + 1j * rng.normal(size=(1, 4)) for _ in range(7)]
+    opened = Opened(*blocks, ("plant", "amplifier"))
+    y, i = (rng.normal(size=(1, 4)) + 1j * rng.normal(size=(1, 4)) for _ in range(2))
+    part = SimpleNamespace(opened=opened, used=np.ones(4, bool))
+    np.testing.assert_allclose(_reading(part, opened.residuals(y, i)), y, rtol=1e-9)

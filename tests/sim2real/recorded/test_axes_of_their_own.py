@@ -9,6 +9,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.recordings.campaign_tables import ChannelSource
+from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.rig import axis_rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point, experiment_at
@@ -49,3 +50,8 @@ def test_what_one_axis_states_is_not_known_of_the_other(stated):
     other = 1 if stated == "x" else 0
     errors = [e for e in _untold(one, drive, False, None) if e.delay or e.scale]
     assert {e.axis for e in errors} == {other} and len(errors) == 2
+
+
+def test_whole_numbers_of_an_axis_stay_whole():
+    rig = scaled_rig(replace(RIG, per_axis={"y": {"bearings": 2, "amplifier_time_constant": 2e-4}}), {"mass": 1.1})
+    assert rig.per_axis["y"] == {"bearings": 2, "amplifier_time_constant": 2e-4} and rig.mass == 1.1 * RIG.mass

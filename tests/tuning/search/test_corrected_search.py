@@ -10,6 +10,10 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import of_axis
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import make_task
 from tuning.lockstep import side_by_side
@@ -145,3 +149,13 @@ def test_a_recovery_that_took_no_time_is_learned_from():
     tuner = ModelCorrected(task, episode, 0)
     tuner.tell(experiments(task, [episode], tuner.ask(1), 1))
     assert np.isfinite(tuner.ask(1)).all()
+
+
+def test_each_axis_keeps_the_tangent_of_its_own_magnets():
+    rig = replace(load_rig("hmb_radial"), actuator_gain=None, negative_stiffness=None)
+    apart = replace(rig, per_axis={"y": {"turns": int(1.5 * rig.turns)}})
+    found = Parameters(apart, wide=False).rig
+    for axis in range(2):
+        expected, got = (linearise(force_law(axis_rig(own, axis))) for own in (apart, found))
+        assert got == pytest.approx(expected, rel=1e-9)
+    assert linearise(force_law(axis_rig(found, 1)))[0] > 1.2 * linearise(force_law(axis_rig(found, 0)))[0]

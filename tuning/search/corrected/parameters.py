@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
+from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS, effect, effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
@@ -37,8 +38,7 @@ class Parameters:
             rig: The nominal rig.
             wide: Whether parameters may lie anywhere in the rig's [randomization]; otherwise within its [tolerance].
         """
-        gain, stiffness = linearise(force_law(rig))
-        self.rig = with_parameters(rig, {"actuator_gain": gain, "negative_stiffness": stiffness})
+        self.rig = _by_tangent(rig)
         # What the nominal rig leaves to its magnets' geometry is not drawn, and differs by the tolerance only.
         drawn = {n: log_spread(e) for n, e in wide_factors(rig).items() if getattr(rig, n) is not None} if wide else {}
         ranges: Mapping[str, float] = {**rig.tolerance, **drawn}
@@ -91,3 +91,14 @@ def fitted_rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
         bound = EFFECTS[own].parameters[parameter].on(nominal.scales)
         effects[own][parameter] = float(np.clip(effects[own][parameter] * factors.pop(name), bound.low, bound.high))
     return replace(scaled_rig(nominal, factors), effects=effects)
+
+
+def _by_tangent(rig: Rig) -> Rig:
+    """A rig whose magnets are given by their tangent, those of an axis with values of its own by their own one."""
+
+    def tangent(own: Rig) -> dict[str, float]:
+        return dict(zip(("actuator_gain", "negative_stiffness"), linearise(force_law(own)), strict=True))
+
+    found = with_parameters(rig, tangent(rig))
+    own = {name: {**values, **tangent(rig.by_axis[AXES.index(name)])} for name, values in rig.per_axis.items()}
+    return replace(found, per_axis=own)
