@@ -142,10 +142,10 @@ def test_no_command_no_word_of_the_controller(tmp_path):
 def test_along_an_axis_without_a_force_the_actuator_is_not_told_from_what_it_moves():
     """A shaker pushes along x alone; what differs along y is in either."""
     n = 24
-    ones, pushed = np.ones((2, n)), np.array([[True] * n, [False] * n])
+    ones, pushed = np.ones((2, n)), np.array([np.arange(n) % 2 == 0, [False] * n])
     record = SimpleNamespace(
         experiment=SimpleNamespace(rig=SimpleNamespace(controlled=True)),
-        driven={"force": pushed, "current": np.ones((2, n), bool)},
+        driven={"force": pushed, "current": np.array([~pushed[0], [True] * n])},
         frequency=np.geomspace(20.0, 60.0, n),
         mean=lambda name: ones,
         driving=lambda name: pushed * (1.0 + 1.0j),
