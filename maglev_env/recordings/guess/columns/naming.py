@@ -1,6 +1,7 @@
 """What a file calls a column, and what that says of its channel."""
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -21,15 +22,16 @@ _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(
 def label_of(expression: str, found: Contents) -> tuple[str, Unit | None]:
     """What the file calls a column, and its unit: by a text beside it, else by the last part of its name."""
     texts = found.texts
+    among = {*_names_in(found)}
     if channel := _TDMS.fullmatch(expression):
-        return header_unit(channel[1])
+        return header_unit(channel[1], among)
     if header := found.headers.get(expression, ""):
-        label, unit = header_unit(header)
+        label, unit = header_unit(header, among)
         # Of a controller's variable, "MAIN.fbAxis.fPosition", the last part without the letter of its type.
         label = _TYPE.sub("", label.rpartition(".")[2]) if _VARIABLE.fullmatch(label) else label
         return label or expression, unit
     if listed := _listed(expression, found):
-        return header_unit(_last_part(listed))
+        return header_unit(_last_part(listed), among)
     above, _, last = expression.rpartition(".")
     beside = next((texts[f"{above}.{key}"] for key in _NAMES_BESIDE if texts.get(f"{above}.{key}", "").strip()), "")
     if beside and meaning(last).channel == "time":  # the block's name is that of the values beside its time
@@ -43,8 +45,18 @@ def label_of(expression: str, found: Contents) -> tuple[str, Unit | None]:
     elif beside:
         unit = unit or header_unit(name.rpartition("/")[2])[1]  # of the port, where the block's name says what it is
         name = _last_part(name)
-    label, in_header = header_unit(name)
+    label, in_header = header_unit(name, among)
     return label, unit or in_header
+
+
+def _names_in(found: Contents) -> Iterator[str]:
+    """What may be the name of a column of a file."""
+    for column in found.columns:
+        channel = _TDMS.fullmatch(column)
+        yield channel[1] if channel else column
+        yield column.rpartition(".")[2]
+    yield from found.headers.values()
+    yield from found.texts.values()
 
 
 def _last_part(path: str) -> str:
