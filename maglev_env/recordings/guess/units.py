@@ -37,8 +37,10 @@ _UNITS = {
     **{f"{p}{s}/s": ("Hz", f) for s in ("S", "Sa") for p, f in (("", 1.0), ("k", 1e3), ("M", 1e6))},
     **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
 }  # fmt: skip
-_FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}
-_FOLDED |= {"ma": "mA", "mv": "mV", "ms": "ms", "mn": "mN"}
+# In other letters these are units of other quantities: newton metres, millisiemens, gauss.
+_AS_WRITTEN = ("nm", "ms", "g", "mg")
+_FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", *_AS_WRITTEN)}
+_FOLDED |= {"ma": "mA", "mv": "mV", "mn": "mN"}
 _READ = ("displacement", "gap_estimate", "current", "force", "velocity", "acceleration", "error")  # by a transducer
 # Channels behind whose names a single letter is a unit: it may as well be a plane "A", a phase "V" or an index. A
 # transducer's volts stand for any quantity, and what shakes the rotor often has a name of its own.
@@ -78,14 +80,23 @@ def header_unit(header: str, among: Iterable[str] = ()) -> tuple[str, Unit | Non
     if len(header) > 1 and header in _UNITS:  # a column that is called by its unit alone
         return header, known_unit(header)
     for pattern in (_BRACKETS, _RATIO_BEHIND, _BEHIND):
-        if (found := pattern.match(header)) and (unit := known_unit(found[2])):
+        if (found := pattern.match(header)) and (unit := _unit_behind(found[1], found[2])):
             return found[1].strip(" _,"), unit
     if (found := _RATIO.match(header)) and (unit := known_unit(found[2].replace("_", "/"))):
         return found[1], unit
     found = _LAST.match(header)
-    if found and (len(found[2]) > 1 or _is_single(*found.groups(), among)) and (unit := known_unit(found[2])):
+    if found and (len(found[2]) > 1 or _is_single(*found.groups(), among)) and (unit := _unit_behind(*found.groups())):
         return found[1], unit
     return header, None
+
+
+def _unit_behind(name: str, text: str) -> Unit | None:
+    """The unit behind a name; of _AS_WRITTEN also in capitals, where the name says that it is no other one."""
+    small = text.lower()
+    capitals = text in ("NM", "MS") and name.isupper()
+    if small in _AS_WRITTEN and (capitals or (small.endswith("g") and meaning(name).channel == "acceleration")):
+        return Unit(text, *_UNITS[small])
+    return known_unit(text)
 
 
 def _is_single(name: str, letter: str, among: Iterable[str]) -> bool:

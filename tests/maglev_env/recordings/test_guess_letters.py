@@ -49,3 +49,17 @@ def test_planes_phases_and_axes_keep_their_quantity(names, quantities):
 def test_channels_a_and_b_are_called_by_no_unit():
     assert guessed("Channel A", "Channel B")["Channel A"] != "current"
     assert header_unit("coil_current A", among=["coil_current B"]) == ("coil_current A", None)
+
+
+@pytest.mark.parametrize("header", ["Torque [Nm]", "M / Nm", "Moment [NM]", "G [mS]", "B [G]", "Hall (G)", "B [mG]"])
+def test_newton_metres_millisiemens_and_gauss_are_no_lengths_times_or_accelerations(header):
+    assert header_unit(header) == (header, None)
+
+
+@pytest.mark.parametrize(
+    ("header", "si", "scale"),
+    [("POS [NM]", "m", 1e-9), ("TIME_MS", "s", 1e-3), ("acc [G]", "m/s2", 9.80665), ("accel (mG)", "m/s2", 9.80665e-3)],
+)
+def test_capitals_that_are_units_are_read(header, si, scale):
+    _, unit = header_unit(header)
+    assert (unit.si, unit.scale) == (si, pytest.approx(scale))
