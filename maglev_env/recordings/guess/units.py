@@ -35,6 +35,8 @@ _UNITS = {
     **{"millis": ("s", 1e-3), "micros": ("s", 1e-6)},  # what a microcontroller's clocks are called
     **{"g": ("m/s2", STANDARD_GRAVITY), "mg": ("m/s2", 1e-3 * STANDARD_GRAVITY)},
     **{f"{p}{s}/s": ("Hz", f) for s in ("S", "Sa") for p, f in (("", 1.0), ("k", 1e3), ("M", 1e6))},
+    **{text: ("rad/s", math.pi / 30) for text in ("U/min", "r/min", "rev/min", "min-1", "min^-1")},
+    **{"1/s": ("Hz", 1.0)},  # of a speed in it, it is open whether it counts turns or radians
     **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
 }  # fmt: skip
 # In other letters these are units of other quantities: newton metres, millisiemens, gauss.
@@ -55,13 +57,14 @@ _WORD = 3  # letters from which a name is a word
 _BRACKETS = re.compile(r"^(.*?)[\s_,]*[\[(<{]\s*(?:in\s+)?([^\])>}]+?)\s*[\])>}]\s*$")
 _BEHIND = re.compile(r"^(.*\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+(?:/[^\s/]+)?)$")
 _RATIO_BEHIND = re.compile(r"^(.*?\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+/[^\s/]+)$")  # "a / m/s2"
+_RATIO_LAST = re.compile(r"^(.+?)[\s_]+([^\s/_]+/[^\s/_]+)$")  # "Drehzahl U/min"
 _RATIO = re.compile(r"^(.+?)[_\s]([a-zµμ]+_s2?)$")  # a name that a program made of m/s2
 _LAST = re.compile(r"^(.+?)[_\s]([A-Za-zµμ]{1,7})$")
 
 
 def known_unit(text: str) -> Unit | None:
     """The unit of this name; None where there is none such."""
-    name = unicodedata.normalize("NFKC", text.strip())  # "m/s²" is m/s2
+    name = unicodedata.normalize("NFKC", text.strip()).replace("−", "-")  # "m/s²" is m/s2
     name = name if name in _UNITS else _FOLDED.get(name.lower(), "")
     return Unit(text.strip(), *_UNITS[name]) if name else None
 
@@ -79,7 +82,7 @@ def header_unit(header: str, among: Iterable[str] = ()) -> tuple[str, Unit | Non
     header = header.strip()
     if len(header) > 1 and header in _UNITS:  # a column that is called by its unit alone
         return header, known_unit(header)
-    for pattern in (_BRACKETS, _RATIO_BEHIND, _BEHIND):
+    for pattern in (_BRACKETS, _RATIO_BEHIND, _RATIO_LAST, _BEHIND):
         if (found := pattern.match(header)) and (unit := _unit_behind(found[1], found[2])):
             return found[1].strip(" _,"), unit
     if (found := _RATIO.match(header)) and (unit := known_unit(found[2].replace("_", "/"))):

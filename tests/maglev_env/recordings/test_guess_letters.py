@@ -5,6 +5,7 @@ import pytest
 
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess.columns.columns import guess_columns
+from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.guess.units import header_unit
 
 N = 4000
@@ -63,3 +64,35 @@ def test_newton_metres_millisiemens_and_gauss_are_no_lengths_times_or_accelerati
 def test_capitals_that_are_units_are_read(header, si, scale):
     _, unit = header_unit(header)
     assert (unit.si, unit.scale) == (si, pytest.approx(scale))
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["Drehzahl [U/min]", "Drehzahl U/min", "Drehzahl [min-1]", "n / min^-1", "n (min⁻¹)", "speed in 1/min", "n r/min"],
+)
+def test_turns_a_minute_are_written_in_many_ways(header):
+    name, unit = header_unit(header)
+    assert name in ("Drehzahl", "n", "speed") and (unit.si, unit.scale) == ("rad/s", pytest.approx(2 * np.pi / 60))
+    assert header_unit("vel mm/s")[0] == "vel"
+
+
+@pytest.mark.parametrize(
+    ("header", "speed", "asked"),
+    [
+        ("Drehzahl [U/min]", 1200.0, False),
+        ("Drehzahl [min-1]", 1200.0, False),
+        ("Speed", 0.0, True),
+        ("Drehzahl [Umdr.]", 0.0, True),
+    ],
+)
+def test_the_speed_of_a_constant_column_without_a_known_unit_is_asked_for(tmp_path, header, speed, asked):
+    rows = "".join(f"{t:.4f};{x:.3f};1200\n" for t, x in zip(T, RNG.standard_normal(N), strict=True))
+    (tmp_path / "run.csv").write_text(f"Zeit [s];Weg [µm];{header}\n{rows}")
+    found = guess_recording(tmp_path / "run.csv")
+    assert found.speed_rpm == pytest.approx(speed) and any("speed_rpm" in g.ask for g in found.guesses) == asked
+
+
+def test_a_rotor_that_stands_still_does_so_in_any_unit(tmp_path):
+    rows = "".join(f"{t:.4f};{x:.3f};0\n" for t, x in zip(T, RNG.standard_normal(N), strict=True))
+    (tmp_path / "run.csv").write_text(f"Zeit [s];Weg [µm];Speed\n{rows}")
+    assert not any("speed_rpm" in g.ask for g in guess_recording(tmp_path / "run.csv").guesses)
