@@ -179,6 +179,8 @@ def _numbers(
     separator, columns = layout.separator, len(layout.names)
     if not rows:
         return np.empty((0, columns))
+    if layout.decimal == ",":  # the quick way below takes a point for a decimal sign, too
+        _note_points(rows, layout, sample, unread)
     if columns == layout.width:
         try:
             text = (line.replace(",", ".") if layout.decimal == "," else line for _, line in rows)
@@ -201,7 +203,7 @@ def _numbers(
             )
             continue
         for j, cell in enumerate(cells[:columns]):
-            if is_number(cell, layout.decimal):
+            if is_number(cell, layout.decimal) or is_number(cell, "."):
                 values[i, j] = _number(cell.replace(",", "."))
             elif (seconds := time_of_day(cell)) is not None:
                 values[i, j] = seconds
@@ -211,6 +213,15 @@ def _numbers(
             else:
                 unread.cell(j, cell, number, sample + i)
     return values
+
+
+def _note_points(rows: list[tuple[int, str]], layout: Layout, sample: int, unread: UnreadCells) -> None:
+    """Take down which columns of a file with decimal commas hold points, as a decimal sign or between thousands."""
+    for i, (number, line) in enumerate(rows):
+        if "." in line:
+            for j, cell in enumerate(cells_of(line, layout.separator)[: len(layout.names)]):
+                if "." in cell and is_number(cell.replace(".", ""), "."):
+                    unread.point(j, cell, number, sample + i)
 
 
 def _number(text: str) -> float:

@@ -107,6 +107,12 @@ def test_a_matrix_of_matlab_keeps_all_its_columns_and_names_of_several_words(tmp
         ("F;y\n1;1,234\n2;5,678\n", "y", ["'5,678'", "thousands separator", "format = {"]),
         ('F,y\n1,"1,234"\n2,"5,678"\n', "y", ["'5,678'", "thousands separator"]),
         ("F;y\n1;1.234,5\n2;5.678,5\n", "y", ["'1.234,5' holds a thousands separator"]),
+        ("F;y\n1,5;998\n2,5;1.067\n", "y", ["'1.067' in line 3 (sample 1) holds a thousands separator"]),
+        (
+            "F;G;y\n1,5;1,5;1.067\n2,5;1,5;2.100.000\n",
+            "y",
+            ["'1.067' in line 2 (sample 0) holds a thousands separator"],
+        ),
         ("F,F\n3.5,4\n", "F", ["there is no column 'F'", "Available: [0], [1]"]),
         ("F,y,z\n1.5,2\n3.5,4\n", "F", ["line 1 has 3 names, the numbers below it 2 columns", "header = 0"]),
         ("", "F", ["is empty"]),
@@ -155,6 +161,15 @@ def test_a_format_that_does_not_fit_is_refused(table, word):
     with pytest.raises(ValueError) as error:
         layout_table(table)
     assert word in str(error.value)
+
+
+@pytest.mark.parametrize("last", ["3", "x"])  # read at once, and cell by cell
+def test_a_column_of_decimal_points_among_decimal_commas_is_read(tmp_path, last):
+    path = tmp_path / "x.csv"
+    lines = "".join(f"{0.998 + 0.069 * i:.3f};{i},5;0,5;{last if i == 9 else i}\n" for i in range(10))
+    path.write_text("t;y;z;c\n" + lines)
+    np.testing.assert_allclose(read_columns(path).column("t"), 0.998 + 0.069 * np.arange(10))
+    np.testing.assert_array_equal(read_columns(path).column("y"), np.arange(10) + 0.5)
 
 
 def test_only_what_is_asked_for_is_read_and_names_as_they_stand(tmp_path):
