@@ -96,3 +96,15 @@ def test_a_rotor_that_stands_still_does_so_in_any_unit(tmp_path):
     rows = "".join(f"{t:.4f};{x:.3f};0\n" for t, x in zip(T, RNG.standard_normal(N), strict=True))
     (tmp_path / "run.csv").write_text(f"Zeit [s];Weg [µm];Speed\n{rows}")
     assert not any("speed_rpm" in g.ask for g in guess_recording(tmp_path / "run.csv").guesses)
+
+
+def test_a_channel_of_which_only_the_unit_is_known_is_no_voltage_at_the_coil(tmp_path):
+    """An oscilloscope numbers its channels above their units."""
+    y = RNG.standard_normal(N).cumsum() / np.sqrt(N)
+    lines = "".join(f"{t:.4f},{2.5 + a:.5f},{b:.5f}\n" for t, a, b in zip(T, y, RNG.standard_normal(N), strict=True))
+    (tmp_path / "scope.csv").write_text(f"x-axis,1,2\nsecond,Volt,Ampere\n{lines}")
+    found = guess_recording(tmp_path / "scope.csv").channels
+    assert {channel: c.column for channel, c in found.items()} == {
+        "time": "second", "displacement": "Volt", "current": "Ampere"
+    }  # fmt: skip
+    assert "scale in m per V" in found["displacement"].ask

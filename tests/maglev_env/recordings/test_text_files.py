@@ -259,3 +259,30 @@ def test_a_monitor_that_stamps_its_lines_gives_a_time(tmp_path):
 def test_times_of_day_are_no_names(tmp_path):
     (tmp_path / "x.csv").write_text("t,y\n" + "".join(f"13:22:0{i}.5,{i}\n" for i in range(9)))
     assert read_columns(tmp_path / "x.csv").names == ("t", "y")
+
+
+@pytest.mark.parametrize(
+    ("units", "headers"),
+    [
+        ("s;mm;A;1/min", ("t [s]", "y [mm]", "i [A]", "n [1/min]")),
+        ("s;mm;A;U/min", ("t [s]", "y [mm]", "i [A]", "n [U/min]")),
+        ("s;mm;A;bar", ("t [s]", "y [mm]", "i [A]", "n [bar]")),
+        ("s;mm;A;l/min", ("t [s]", "y [mm]", "i [A]", "n [l/min]")),
+        ("s;counts;A;V", ("t [s]", "y [counts]", "i [A]", "n [V]")),
+        ("ms;mm/s2;kA;µm", ("t [ms]", "y [mm/s2]", "i [kA]", "n [µm]")),
+    ],
+)
+def test_a_row_of_units_may_hold_one_that_is_not_known(tmp_path, units, headers):
+    lines = "".join(f"0,{i:03d};{i},5;1,5;{i}\n" for i in range(20))
+    (tmp_path / "x.csv").write_text(f"t;y;i;n\n{units}\n{lines}")
+    columns = read_columns(tmp_path / "x.csv")
+    assert columns.names == ("t", "y", "i", "n") and tuple(columns.headers.values()) == headers
+
+
+@pytest.mark.parametrize("names", ["s;m;pos;cur", "t;gap;i;ref", "s;v;a;n", "s;mm;mm;Kommentarzeile"])
+def test_names_that_are_like_units_are_names(tmp_path, names):
+    lines = "".join(f"0,{i:03d};{i},5;1,5;{i}\n" for i in range(20))
+    (tmp_path / "x.csv").write_text(f"Lager;vorn;links;oben\n{names}\n{lines}")
+    split = names.split(";")
+    expected = tuple(name if split.count(name) == 1 else f"[{j}]" for j, name in enumerate(split))
+    assert read_columns(tmp_path / "x.csv").names == expected

@@ -16,6 +16,7 @@ from maglev_env.recordings.guess.words import Meaning, meaning
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
 _TDMS = re.compile(r"/'.*'/'(.+)'")  # what a TDMS file calls a channel: /'group'/'channel'
+_POSITION, _NAMELESS = re.compile(r"\[\d+\]"), re.compile(r"\[.*\]")  # a label that is a place or a unit
 _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(f|r|lr)(?=[A-Z])")
 
 
@@ -29,7 +30,7 @@ def label_of(expression: str, found: Contents) -> tuple[str, Unit | None]:
         label, unit = header_unit(header, among)
         # Of a controller's variable, "MAIN.fbAxis.fPosition", the last part without the letter of its type.
         label = _TYPE.sub("", label.rpartition(".")[2]) if _VARIABLE.fullmatch(label) else label
-        return label or expression, unit
+        return label or (expression if _POSITION.fullmatch(expression) else header), unit  # of "[V]" the unit alone
     if listed := _listed(expression, found):
         return header_unit(_last_part(listed), among)
     above, _, last = expression.rpartition(".")
@@ -94,8 +95,9 @@ def by_name(column: str, label: str, unit: Unit | None, values: np.ndarray, spel
         values: (samples,).
         spelled: the name with its axis as x or y, where the file calls it otherwise.
     """
-    said = meaning(spelled or ("" if re.fullmatch(r"\[\d+\]", label) else label), unit.si if unit else "")
-    if said.channel is None and unit and unit.si == "A" and label == unit.text:  # called by its unit alone
+    nameless = _NAMELESS.fullmatch(label) is not None
+    said = meaning(spelled or ("" if nameless else label), unit.si if unit else "")
+    if said.channel is None and unit and unit.si == "A" and (nameless or label == unit.text):  # by its unit alone
         said = Meaning("current", confidence=LIKELY)
     if not np.isfinite(values).all():
         return ColumnGuess(column, label, "", 1.0, "holds values that are no finite numbers", SURE)
