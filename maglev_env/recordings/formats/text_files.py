@@ -16,7 +16,7 @@ from maglev_env.recordings.formats.file_formats import Reader, Refused, Steps, f
 from maglev_env.recordings.formats.labelled import labels_of, without_labels
 from maglev_env.recordings.formats.labview import numbered_lines
 from maglev_env.recordings.formats.matrix_text import is_matrix, without_brackets
-from maglev_env.recordings.formats.stamps import duration, time_of_day
+from maglev_env.recordings.formats.stamps import duration, time_of_day, with_milliseconds
 from maglev_env.recordings.formats.text_layout import (
     STATE_IT,
     Layout,
@@ -162,7 +162,7 @@ def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray
     problems, missing = unread.judged(table, layout.names)
     notes += missing
     for j in sorted(clocks - problems.keys()):
-        table[:, j] = past_midnight(table[:, j])
+        table[:, j] = with_milliseconds(past_midnight(table[:, j]), table[:, j + 1 : j + 2])
         notes.append(f"column {layout.names[j] or f'[{j}]'!r} holds times of day: it is read in seconds since midnight")
     return table, problems, notes
 
@@ -181,7 +181,7 @@ def _numbers(
         return np.empty((0, columns))
     if layout.decimal == ",":  # the quick way below takes a point for a decimal sign, too
         _note_points(rows, layout, sample, unread)
-    if columns == layout.width:
+    if columns == layout.width and separator != layout.decimal:
         try:
             text = (line.replace(",", ".") if layout.decimal == "," else line for _, line in rows)
             if _FORTRAN.search(rows[0][1]):

@@ -149,7 +149,8 @@ def _signs(rows: list[str], head: Sequence[str], stated: TextLayout) -> tuple[st
         for decimal in [stated.decimal] if stated.decimal else DECIMALS:
             # A file of whole numbers has no decimal sign; it is read with a point.
             possible = decimal == "." or stated.decimal or any("," in cell for cell in cells)
-            if possible and cells and separator != decimal:
+            apart = separator != decimal or any('"' in row for row in rows)  # between commas a decimal comma is quoted
+            if possible and cells and apart:
                 told = (is_number(cell, decimal) or duration(cell) is not None for cell in cells)
                 readings[separator, decimal] = sum(told) / len(cells)
     if not readings or not max(readings.values()):

@@ -210,6 +210,40 @@ def test_times_of_day_are_seconds_also_past_midnight(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("clocks", "first"),
+    [
+        (("1:22:01.5 PM", "1:22:02.5 PM", "1:22:03.5 PM"), 13 * 3600 + 22 * 60 + 1.5),
+        (("05/01/2024 11:59:58 AM", "05/01/2024 11:59:59 AM", "05/01/2024 12:00:00 PM"), 12 * 3600 - 2.0),
+        (("12:59:59 a.m.", "1:00:00 a.m.", "1:00:01 a.m."), 3599.0),
+        (("11:59:59pm", "12:00:00am", "12:00:01am"), 24 * 3600 - 1.0),
+    ],
+)
+def test_times_of_twelve_hours_are_times_of_day(tmp_path, clocks, first):
+    (tmp_path / "x.csv").write_text("time,y\n" + "".join(f"{c},{j}.5\n" for j, c in enumerate(clocks)))
+    np.testing.assert_allclose(read_columns(tmp_path / "x.csv").column("time"), first + np.arange(3.0))
+
+
+def test_milliseconds_behind_a_comma_belong_to_the_time_of_day_before_them(tmp_path):
+    stamps = [f"2024-05-01 {'23:59:59' if ms < 1000 else '00:00:00'},{ms % 1000:03d}" for ms in range(0, 2000, 250)]
+    for head in ("", "stamp,ms,gap\n"):
+        (tmp_path / "x.csv").write_text(head + "".join(f"{stamp},0.{i}5\n" for i, stamp in enumerate(stamps)))
+        time = read_columns(tmp_path / "x.csv").column("stamp" if head else "[0]")
+        np.testing.assert_allclose(time, 24 * 3600 - 1 + 0.25 * np.arange(8), atol=1e-9)
+    counted = "".join(f"13:22:0{i},{i},0.5\n" for i in range(8))  # a count beside a time is none of its parts
+    (tmp_path / "x.csv").write_text("stamp,k,gap\n" + counted)
+    np.testing.assert_allclose(np.diff(read_columns(tmp_path / "x.csv").column("stamp")), 1.0)
+
+
+@pytest.mark.parametrize("stated", [TextLayout(), TextLayout(",", ",")])
+def test_decimal_commas_in_quotes_may_stand_between_commas(tmp_path, stated):
+    (tmp_path / "x.csv").write_text('t [s],y [mm],n\n"0,00010","0,027",1\n"0,00020","-1,5e-3",2\n"0,00030","1",3\n')
+    columns = read_columns(tmp_path / "x.csv", stated)
+    np.testing.assert_array_equal(columns.column("t [s]"), [1e-4, 2e-4, 3e-4])
+    np.testing.assert_array_equal(columns.column("y [mm]"), [0.027, -1.5e-3, 1.0])
+    np.testing.assert_array_equal(columns.column("n"), [1, 2, 3])
+
+
+@pytest.mark.parametrize(
     ("line", "seconds"),
     [
         ("Abtastzeit: 1 ms", 1e-3),
