@@ -16,7 +16,7 @@ from maglev_env.recordings.formats.file_formats import Reader, Refused, Steps, f
 from maglev_env.recordings.formats.labelled import labels_of, without_labels
 from maglev_env.recordings.formats.labview import numbered_lines
 from maglev_env.recordings.formats.matrix_text import is_matrix, without_brackets
-from maglev_env.recordings.formats.stamps import duration, time_of_day
+from maglev_env.recordings.formats.stamps import duration, time_of_day, with_milliseconds
 from maglev_env.recordings.formats.text_layout import (
     STATE_IT,
     Layout,
@@ -162,7 +162,7 @@ def _table(lines: Iterator[tuple[int, str]], layout: Layout) -> tuple[np.ndarray
     problems, missing = unread.judged(table, layout.names)
     notes += missing
     for j in sorted(clocks - problems.keys()):
-        table[:, j] = past_midnight(table[:, j])
+        table[:, j] = with_milliseconds(past_midnight(table[:, j]), table[:, j + 1 : j + 2])
         notes.append(f"column {layout.names[j] or f'[{j}]'!r} holds times of day: it is read in seconds since midnight")
     return table, problems, notes
 
@@ -179,7 +179,9 @@ def _numbers(
     separator, columns = layout.separator, len(layout.names)
     if not rows:
         return np.empty((0, columns))
-    if columns == layout.width:
+    if layout.decimal == ",":  # the quick way below takes a point for a decimal sign, too
+        _note_points(rows, layout, sample, unread)
+    if columns == layout.width and separator != layout.decimal:
         try:
             text = (line.replace(",", ".") if layout.decimal == "," else line for _, line in rows)
             if _FORTRAN.search(rows[0][1]):
@@ -201,7 +203,7 @@ def _numbers(
             )
             continue
         for j, cell in enumerate(cells[:columns]):
-            if is_number(cell, layout.decimal):
+            if is_number(cell, layout.decimal) or is_number(cell, "."):
                 values[i, j] = _number(cell.replace(",", "."))
             elif (seconds := time_of_day(cell)) is not None:
                 values[i, j] = seconds
@@ -211,6 +213,15 @@ def _numbers(
             else:
                 unread.cell(j, cell, number, sample + i)
     return values
+
+
+def _note_points(rows: list[tuple[int, str]], layout: Layout, sample: int, unread: UnreadCells) -> None:
+    """Take down which columns of a file with decimal commas hold points, as a decimal sign or between thousands."""
+    for i, (number, line) in enumerate(rows):
+        if "." in line:
+            for j, cell in enumerate(cells_of(line, layout.separator)[: len(layout.names)]):
+                if "." in cell and is_number(cell.replace(".", ""), "."):
+                    unread.point(j, cell, number, sample + i)
 
 
 def _number(text: str) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 from maglev_env.fields import check_known
 from maglev_env.recordings.formats.file_formats import Refused
 from maglev_env.recordings.formats.stamps import duration
-from maglev_env.recordings.formats.text_preamble import Preamble, is_unit, read_preamble
+from maglev_env.recordings.formats.text_preamble import Preamble, are_units, read_preamble
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 DECIMALS = (".", ",")
@@ -149,7 +149,8 @@ def _signs(rows: list[str], head: Sequence[str], stated: TextLayout) -> tuple[st
         for decimal in [stated.decimal] if stated.decimal else DECIMALS:
             # A file of whole numbers has no decimal sign; it is read with a point.
             possible = decimal == "." or stated.decimal or any("," in cell for cell in cells)
-            if possible and cells and separator != decimal:
+            apart = separator != decimal or any('"' in row for row in rows)  # between commas a decimal comma is quoted
+            if possible and cells and apart:
                 told = (is_number(cell, decimal) or duration(cell) is not None for cell in cells)
                 readings[separator, decimal] = sum(told) / len(cells)
     if not readings or not max(readings.values()):
@@ -243,7 +244,7 @@ def _names(
     lines = [i for i, line in enumerate(above) if not is_left_out(line)]
     if lines:
         names, units = named(above[lines[-1]]), []
-        if names and len(lines) > 1 and all(map(is_unit, names[:least])) and (upper := named(above[lines[-2]])):
+        if names and len(lines) > 1 and are_units(names[:least]) and (upper := named(above[lines[-2]])):
             beside = any(is_number(cell, decimal) for cell in names[least:])  # numbers, not names of empty columns
             names = upper[:least] if beside else upper
             units = [f"line {lines[-1] + 1} is taken as units and not read: state scales in channels"]

@@ -9,10 +9,13 @@ from maglev_env.recordings.formats.stamps import time_of_day
 _NAMES = re.compile(r"(symbol|channel|signal|trace)?[ _]?(name|label)s?|bezeichnung", re.IGNORECASE)
 _UNITS = re.compile(r"(y|v|vertical|signal|channel)?[ _]?(units?|einheit(en)?)([ _]label)?", re.IGNORECASE)
 _NUMBERED = re.compile(r"[A-Za-z]{2,8}[ _]?\d+|\d+")  # "CH1", "Channel 2": says which input, not what was measured
+# What may stand in a row of units: of these also such as are read as no unit, since they must not be taken for names.
 _UNIT = re.compile(
-    r"[\[(].*[\])]||-|1|%|[kmuµμn]?(s|m|A|V|N|Hz|W|Nm|T|rad|g|Ohm|Ω)|m?m/s(\^?2|²)?|rad/s|rpm|sec|deg|°|K|°C|C"
-    r"|(?i:(volt|amp|ampere|second|newton)s?|sequence)"
+    r"[\[(].*[\])]||-|1|%|[kmuµμn]?(s|m|A|V|N|Hz|W|Nm|T|rad|g|Ohm|Ω|Pa|bar)|[muµμ]H|cm|[MGh]Pa|m?m/s(\^?2|²)?|rad/s2?|deg|°"
+    r"|K|°C|degC|C|dB|ppm|VA|psi|lbf|mil|[1Ur]/min|min(\^?-1|⁻¹)|[1Ur]/s|(?i:(m|u|µ)?secs?|min|rpm|mbar|inch|microns?"
+    r"|gauss|rev|(volt|amp|ampere|second|newton)s?|counts?|cts|ticks|digits?|lsb|inc|bits?|sequence)"
 )
+_RATIO = re.compile(r"[A-Za-zµμΩ°]{1,4}/[A-Za-zµμΩ°]{1,4}[23²³]?")  # "l/min", "mm/V"
 _WORDS = {"volt": "V", "amp": "A", "ampere": "A", "second": "s", "newton": "N"}
 _NO_UNIT = ("", "-", "1", "None", "Sequence")
 _LONGEST = 200  # characters of a line that may state a number
@@ -51,20 +54,29 @@ def read_preamble(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: 
         key, own = (cells[0] if cells else ""), list(cells[:columns])
         if len(own) < columns or not any(own):
             continue
-        if all(map(is_unit, own)):
+        if are_units(own):
             units = own
         elif _NAMES.fullmatch(key) and not any(labels):
             labels = ["" if cell == key else cell for cell in own]
         elif _UNITS.fullmatch(key):
             units = ["" if cell == key else cell for cell in own]
     beside = [name for name in names if not _UNITS.fullmatch(name)]
-    if all(map(is_unit, beside)) or all(not name or time_of_day(name) is not None for name in names[1:]):
+    if are_units(beside) or all(not name or time_of_day(name) is not None for name in names[1:]):
         names = [""] * columns  # what stands above the numbers are units, or when each channel began
     headers = [
         _with_unit(label if label and (not name or _NUMBERED.fullmatch(name)) else name, unit)
         for name, label, unit in zip(names, labels, units, strict=True)
     ]
     return Preamble(tuple(headers), _numbers(rows, decimal))
+
+
+def are_units(cells: Sequence[str]) -> bool:
+    """Whether the cells of a line are units, most of them known, and the others ratios such as "l/min"."""
+    full = [cell for cell in cells if cell]
+    known = sum(map(is_unit, full))
+    return known == len(full) or (
+        2 * known > len(full) and all(is_unit(cell) or _RATIO.fullmatch(cell) for cell in full)
+    )
 
 
 def is_unit(cell: str) -> bool:

@@ -1,5 +1,6 @@
 """Cells and lines of a text file that hold no number, where few do: a broken serial line, an empty cell, "n/a"."""
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ MOST_BROKEN = 0.01  # of the lines, that may be broken; more, and the columns ar
 _SAID_MISSING = frozenset(
     ["na", "n/a", "#n/a", "#nv", "null", "none", "-", "--", "---", "?", "1.#qnan", "-1.#ind", "1.#inf", "-1.#inf"]
 ) | {""}
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")  # where other numbers have a decimal comma
 _MOST_WORDS = 17  # one more than the channels of a file of which several lines make one sample
 _LEAST_READ = 0.5  # of a column's cells that must be numbers where the others say that a value is missing
 
@@ -24,6 +26,8 @@ class UnreadCells:
         words: By column how many cells hold something else, and the first of them.
         missing: By column how many cells say that the value is missing, and the first of them.
         distinct: By column the different words, the first _MOST_WORDS.
+        grouped: By column the first cell whose points may stand between thousands, where a decimal sign is a comma.
+        pointed: Columns whose points are decimal signs all the same.
     """
 
     lines: list[str] = field(default_factory=list)
@@ -31,6 +35,15 @@ class UnreadCells:
     words: dict[int, tuple[int, str]] = field(default_factory=dict)
     missing: dict[int, tuple[int, str]] = field(default_factory=dict)
     distinct: dict[int, dict[str, None]] = field(default_factory=dict)
+    grouped: dict[int, str] = field(default_factory=dict)
+    pointed: set[int] = field(default_factory=set)
+
+    def point(self, column: int, cell: str, line: int, sample: int) -> None:
+        """Take down a number with points in a file of decimal commas."""
+        if _GROUPED.fullmatch(cell):
+            self.grouped.setdefault(column, f"{cell!r} in line {line} (sample {sample})")
+        else:
+            self.pointed.add(column)
 
     def cell(self, column: int, cell: str, line: int, sample: int) -> None:
         """Take down a cell that is no number."""
@@ -73,7 +86,11 @@ class UnreadCells:
                     f"column {names[column] or f'[{column}]'!r} says what each line holds ({', '.join(words)}): "
                     f"{len(words)} lines make one sample; write a column for each (pandas: pivot)"
                 )
-        problems: dict[int, str] = {}
+        problems = {
+            column: f"{first} holds a thousands separator, which is not read: write the numbers without it"
+            for column, first in self.grouped.items()
+            if column not in self.pointed
+        }
         for kind, most in ((self.words, MOST_BROKEN), (self.missing, 1 - _LEAST_READ)):
             for column, (count, first) in sorted(kind.items()):
                 if count > most * samples:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from maglev_env.recordings.formats.time_stamps import rounded_step
-from maglev_env.recordings.guess.evidence import LIKELY, SURE, Guess
+from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
 from maglev_env.recordings.guess.units import header_unit
 from maglev_env.recordings.guess.words import unaccented
 
@@ -14,13 +14,17 @@ _ROUND = 5e-5  # a rate so near to a round number is that number
 _SURELY, _MOST_ROUND = 3.0, 5e-3  # standard errors of a jittering clock's rate within which it is, and at most
 _BLOCKS = 12
 _FRENCH = "d_?echantillonnage"
+_SAMPLES = r"sampl(e|ing)"
+# Of a name's last part only these words are the sample's own; a rate alone must be the whole part, since that of bauds,
+# of the control or of an image is another one.
 _RATES = re.compile(
-    rf"(^|[._])(fs|f_s|rate|sampl(e|ing)_?(rate|freq(uency)?)|abtast(rate|frequenz)|frequence_{_FRENCH})$",
+    rf"(^|[._])(fs|f_s|(?P<own>{_SAMPLES}_?(rate|freq(uency)?)|abtast(rate|frequenz)|frequence_{_FRENCH}"
+    r"|(acquisition|scan|logging|log|record(ing)?|daq)_?rate))$|(^|\.)rate$",
     re.IGNORECASE,
 )
 _STEPS = re.compile(
-    r"(^|[._])(dt(_s(ec)?)?|ts|t_s|sampl(e|ing)_?(period|time|interval)|abtast(zeit|intervall)|wf_increment|(x_?)?increment|delta_?x"
-    rf"|periode_{_FRENCH})$",
+    rf"(^|[._])(dt(_s(ec)?)?|ts|t_s|(?P<own>{_SAMPLES}_?(period|time|interval)|abtast(zeit|intervall)|wf_increment"
+    rf"|(x_?)?increment|delta_?x|periode_{_FRENCH}))$",
     re.IGNORECASE,
 )
 STATED_RATE = "--rate"  # among the numbers of a file, the rate that the user states, Hz
@@ -65,25 +69,42 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
                 "sample_rate", _nice(1 / middle), f"{reason}: samples are missing", LIKELY, "sample rate in Hz"
             )
         return Guess("sample_rate", rate, reason, SURE)
-    if stated := stated_step(numbers):
-        return Guess("sample_rate", _nice(1 / stated[0]), f"{_nice(1 / stated[0]):g} Hz: {stated[1]}", SURE)
+    if stated := _stated_steps(numbers):
+        step, where = stated[0]
+        rate = _nice(1 / step)
+        ask = "sample rate in Hz" if STATED_RATE not in numbers and (len(stated) > 1 or rate < _SLOWEST) else ""
+        but = "".join(f", but {other} is another one" for _, other in stated[1:])
+        return Guess("sample_rate", rate, f"{rate:g} Hz: {where}{but}", OPEN if ask else SURE, ask)
     return Guess("sample_rate", None, "no column of time, and no number that tells it", 0.0, "sample rate in Hz")
 
 
 def stated_step(numbers: Mapping[str, float]) -> tuple[float, str] | None:
     """The time between two samples that a single number of the file states, s, and where; None without one."""
+    return next(iter(_stated_steps(numbers)), None)
+
+
+def _stated_steps(numbers: Mapping[str, float]) -> list[tuple[float, str]]:
+    """The steps that numbers of the file state, s, and where: the first, and others only where they differ from it.
+
+    The user's own is the only one; what is called the sample's goes before what is called a rate or a step alone.
+    """
+    if rate := numbers.get(STATED_RATE):
+        return [(1 / rate, f"the stated rate of {rate:g} Hz")]
+    found: dict[bool, list[tuple[float, str]]] = {True: [], False: []}
     for name, value in numbers.items():
-        if name == STATED_RATE:
-            return 1 / value, f"the stated rate of {value:g} Hz"
         called, unit = header_unit(name)
         called = re.sub(r"\W+" if unit else r"[^\w.]+", "_", unaccented(called))
         rate, step = _RATES.search(called), _STEPS.search(called)
+        if (said := rate or step) is None:
+            continue
         si, size = (unit.si, value * unit.scale) if unit else ("Hz" if rate else "s", value)
-        if (rate or step) and si == "Hz" and size > 0:
-            return 1 / size, f"the {size:g} Hz of {name}"
-        if (rate or step) and si == "s" and 0 < size < 10:
-            return size, f"the step {name} = {value:g} {unit.text if unit else 's'}"
-    return None
+        if si == "Hz" and size > 0:
+            found[bool(said["own"])].append((1 / size, f"the {size:g} Hz of {name}"))
+        if si == "s" and 0 < size < 10:
+            text = unit.text if unit else "s"
+            found[bool(said["own"])].append((size, f"the step {name} = {value:g} {text}"))
+    steps = found[True] or found[False]
+    return steps[:1] + [other for other in steps[1:] if abs(other[0] / steps[0][0] - 1) > _AS_STATED]
 
 
 def time_scale(time: np.ndarray, numbers: Mapping[str, float]) -> tuple[float, str, str]:

@@ -3,6 +3,7 @@
 import math
 import re
 import unicodedata
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from maglev_env.recordings.guess.words import meaning
@@ -34,31 +35,46 @@ _UNITS = {
     **{"millis": ("s", 1e-3), "micros": ("s", 1e-6)},  # what a microcontroller's clocks are called
     **{"g": ("m/s2", STANDARD_GRAVITY), "mg": ("m/s2", 1e-3 * STANDARD_GRAVITY)},
     **{f"{p}{s}/s": ("Hz", f) for s in ("S", "Sa") for p, f in (("", 1.0), ("k", 1e3), ("M", 1e6))},
+    **{text: ("rad/s", math.pi / 30) for text in ("U/min", "r/min", "rev/min", "min-1", "min^-1")},
+    **{"1/s": ("Hz", 1.0)},  # of a speed in it, it is open whether it counts turns or radians
     **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
 }  # fmt: skip
-_FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}
-_FOLDED |= {"ma": "mA", "mv": "mV", "ms": "ms", "mn": "mN"}
-_SINGLE = {"m": ("displacement", "reference", "gap_estimate"), "s": ("time",)}
+# In other letters these are units of other quantities: newton metres, millisiemens, gauss.
+_AS_WRITTEN = ("nm", "ms", "g", "mg")
+_FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", *_AS_WRITTEN)}
+_FOLDED |= {"ma": "mA", "mv": "mV", "mn": "mN"}
+_READ = ("displacement", "gap_estimate", "current", "force", "velocity", "acceleration", "error")  # by a transducer
+# Channels behind whose names a single letter is a unit: it may as well be a plane "A", a phase "V" or an index. A
+# transducer's volts stand for any quantity, and what shakes the rotor often has a name of its own.
+_SINGLE = {
+    "m": ("displacement", "reference", "gap_estimate"),
+    "s": ("time",),
+    "A": ("current", "command", "injection", "reference"),
+    "N": ("force", "injection", "reference", None),
+    "V": ("voltage", "command", "injection", "reference", *_READ),
+}
 _WORD = 3  # letters from which a name is a word
 _BRACKETS = re.compile(r"^(.*?)[\s_,]*[\[(<{]\s*(?:in\s+)?([^\])>}]+?)\s*[\])>}]\s*$")
 _BEHIND = re.compile(r"^(.*\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+(?:/[^\s/]+)?)$")
 _RATIO_BEHIND = re.compile(r"^(.*?\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+/[^\s/]+)$")  # "a / m/s2"
+_RATIO_LAST = re.compile(r"^(.+?)[\s_]+([^\s/_]+/[^\s/_]+)$")  # "Drehzahl U/min"
 _RATIO = re.compile(r"^(.+?)[_\s]([a-zµμ]+_s2?)$")  # a name that a program made of m/s2
 _LAST = re.compile(r"^(.+?)[_\s]([A-Za-zµμ]{1,7})$")
 
 
 def known_unit(text: str) -> Unit | None:
     """The unit of this name; None where there is none such."""
-    name = unicodedata.normalize("NFKC", text.strip())  # "m/s²" is m/s2
+    name = unicodedata.normalize("NFKC", text.strip()).replace("−", "-")  # "m/s²" is m/s2
     name = name if name in _UNITS else _FOLDED.get(name.lower(), "")
     return Unit(text.strip(), *_UNITS[name]) if name else None
 
 
-def header_unit(header: str) -> tuple[str, Unit | None]:
+def header_unit(header: str, among: Iterable[str] = ()) -> tuple[str, Unit | None]:
     """A header without its unit, and the unit.
 
     Args:
         header: as the file has it.
+        among: names of the file's other columns: beside a "gap_B", the letter of "gap_A" is no unit.
 
     Returns:
         The name, and the unit in brackets, behind a slash, "in" or a comma, or as the last word; None without one.
@@ -66,16 +82,33 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
     header = header.strip()
     if len(header) > 1 and header in _UNITS:  # a column that is called by its unit alone
         return header, known_unit(header)
-    for pattern in (_BRACKETS, _RATIO_BEHIND, _BEHIND):
-        if (found := pattern.match(header)) and (unit := known_unit(found[2])):
+    for pattern in (_BRACKETS, _RATIO_BEHIND, _RATIO_LAST, _BEHIND):
+        if (found := pattern.match(header)) and (unit := _unit_behind(found[1], found[2])):
             return found[1].strip(" _,"), unit
     if (found := _RATIO.match(header)) and (unit := known_unit(found[2].replace("_", "/"))):
         return found[1], unit
-    if found := _LAST.match(header):
-        # A single last letter may as well be an index or "measured": of those only the units' own capitals count, and
-        # m and s behind a whole word for a length or a time.
-        word = len(found[1]) >= _WORD and meaning(found[1]).channel in _SINGLE.get(found[2], ())
-        unit = known_unit(found[2]) if len(found[2]) > 1 or found[2] in ("A", "V", "N") or word else None
-        if unit:
-            return found[1], unit
+    found = _LAST.match(header)
+    if found and (len(found[2]) > 1 or _is_single(*found.groups(), among)) and (unit := _unit_behind(*found.groups())):
+        return found[1], unit
     return header, None
+
+
+def _unit_behind(name: str, text: str) -> Unit | None:
+    """The unit behind a name; of _AS_WRITTEN also in capitals, where the name says that it is no other one."""
+    small = text.lower()
+    capitals = text in ("NM", "MS") and name.isupper()
+    if small in _AS_WRITTEN and (capitals or (small.endswith("g") and meaning(name).channel == "acceleration")):
+        return Unit(text, *_UNITS[small])
+    return known_unit(text)
+
+
+def _is_single(name: str, letter: str, among: Iterable[str]) -> bool:
+    """Whether the last letter of a header is its unit: behind a quantity in it, of which no column has another letter.
+
+    A small letter may be an index or "measured", too, and counts only behind a whole word.
+    """
+    if (letter.islower() and len(name) < _WORD) or meaning(name).channel not in _SINGLE.get(letter, ()):
+        return False
+    others = (_LAST.match(other.strip()) for other in among)
+    letters = {other[2] for other in others if other and other[1] == name and len(other[2]) == 1}
+    return letters <= _SINGLE.keys()

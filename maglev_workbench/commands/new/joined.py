@@ -14,8 +14,10 @@ import numpy as np
 from maglev_env.recordings.contents import Contents, contents, rasters, runs
 from maglev_env.recordings.files import atomic_file, read_columns
 from maglev_env.recordings.guess.columns.columns import guess_columns
+from maglev_env.recordings.guess.columns.naming import label_of
 from maglev_env.recordings.guess.rate import stated_step
 from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.recordings.guess.units import header_unit
 from maglev_workbench.commands.new.files import JOINED
 
 _TIME = "time [s]"
@@ -151,7 +153,17 @@ def split_into_runs(files: Sequence[Path], folder: Path) -> tuple[list[Path], li
 def _column(found: Contents, column: str) -> tuple[str, str, np.ndarray]:
     """What a file calls a column without the names of its groups, these groups, and its values."""
     groups, _, name = column.rpartition(".")
-    return found.headers.get(column, name), groups.replace(".", " "), found.columns[column]
+    return _called(found, column, name), groups.replace(".", " "), found.columns[column]
+
+
+def _called(found: Contents, column: str, name: str) -> str:
+    """What texts of a file call a column, with its unit in brackets; its name where they say no more than that."""
+    if header := found.headers.get(column, ""):
+        return header
+    label, unit = label_of(column, found)
+    if label in re.split(r"[.\[\]]+", column) and unit == header_unit(name)[1]:
+        return name
+    return f"{label} [{unit.text}]" if unit and unit != header_unit(label)[1] else label
 
 
 def _words(file: Path) -> set[str]:
@@ -167,7 +179,7 @@ def _joined(files: Sequence[Path], guesses: Mapping[Path, RecordingGuess]) -> Jo
     for f in files:
         time = guesses[f].channels["time"]
         used = [c.column for c in guesses[f].columns if c.column != time.column]
-        columns = [(read[f].headers.get(c, c), f.stem, read[f].columns[c]) for c in used]
+        columns = [(_called(read[f], c, c), f.stem, read[f].columns[c]) for c in used]
         parts.append(_Part(read[f].columns[time.column] * time.scale, columns))
     joined = _at_the_slowest(parts)
     if joined is None:

@@ -107,6 +107,12 @@ def test_a_matrix_of_matlab_keeps_all_its_columns_and_names_of_several_words(tmp
         ("F;y\n1;1,234\n2;5,678\n", "y", ["'5,678'", "thousands separator", "format = {"]),
         ('F,y\n1,"1,234"\n2,"5,678"\n', "y", ["'5,678'", "thousands separator"]),
         ("F;y\n1;1.234,5\n2;5.678,5\n", "y", ["'1.234,5' holds a thousands separator"]),
+        ("F;y\n1,5;998\n2,5;1.067\n", "y", ["'1.067' in line 3 (sample 1) holds a thousands separator"]),
+        (
+            "F;G;y\n1,5;1,5;1.067\n2,5;1,5;2.100.000\n",
+            "y",
+            ["'1.067' in line 2 (sample 0) holds a thousands separator"],
+        ),
         ("F,F\n3.5,4\n", "F", ["there is no column 'F'", "Available: [0], [1]"]),
         ("F,y,z\n1.5,2\n3.5,4\n", "F", ["line 1 has 3 names, the numbers below it 2 columns", "header = 0"]),
         ("", "F", ["is empty"]),
@@ -157,6 +163,15 @@ def test_a_format_that_does_not_fit_is_refused(table, word):
     assert word in str(error.value)
 
 
+@pytest.mark.parametrize("last", ["3", "x"])  # read at once, and cell by cell
+def test_a_column_of_decimal_points_among_decimal_commas_is_read(tmp_path, last):
+    path = tmp_path / "x.csv"
+    lines = "".join(f"{0.998 + 0.069 * i:.3f};{i},5;0,5;{last if i == 9 else i}\n" for i in range(10))
+    path.write_text("t;y;z;c\n" + lines)
+    np.testing.assert_allclose(read_columns(path).column("t"), 0.998 + 0.069 * np.arange(10))
+    np.testing.assert_array_equal(read_columns(path).column("y"), np.arange(10) + 0.5)
+
+
 def test_only_what_is_asked_for_is_read_and_names_as_they_stand(tmp_path):
     path = tmp_path / "x.csv"
     path.write_text('\ufeff"F [N]",probe.left,note\r\n1,2,ok\r\n3,4e-3,bad\r\n\r\n', encoding="utf-8")
@@ -192,6 +207,40 @@ def test_times_of_day_are_seconds_also_past_midnight(tmp_path):
         np.testing.assert_allclose(np.diff(file.column("time")), 0.5, atol=1e-9)
         np.testing.assert_array_equal(file.column("y"), [0.5, 1.5, 2.5, 3.5])
         assert any("times of day" in note for note in file.notes)
+
+
+@pytest.mark.parametrize(
+    ("clocks", "first"),
+    [
+        (("1:22:01.5 PM", "1:22:02.5 PM", "1:22:03.5 PM"), 13 * 3600 + 22 * 60 + 1.5),
+        (("05/01/2024 11:59:58 AM", "05/01/2024 11:59:59 AM", "05/01/2024 12:00:00 PM"), 12 * 3600 - 2.0),
+        (("12:59:59 a.m.", "1:00:00 a.m.", "1:00:01 a.m."), 3599.0),
+        (("11:59:59pm", "12:00:00am", "12:00:01am"), 24 * 3600 - 1.0),
+    ],
+)
+def test_times_of_twelve_hours_are_times_of_day(tmp_path, clocks, first):
+    (tmp_path / "x.csv").write_text("time,y\n" + "".join(f"{c},{j}.5\n" for j, c in enumerate(clocks)))
+    np.testing.assert_allclose(read_columns(tmp_path / "x.csv").column("time"), first + np.arange(3.0))
+
+
+def test_milliseconds_behind_a_comma_belong_to_the_time_of_day_before_them(tmp_path):
+    stamps = [f"2024-05-01 {'23:59:59' if ms < 1000 else '00:00:00'},{ms % 1000:03d}" for ms in range(0, 2000, 250)]
+    for head in ("", "stamp,ms,gap\n"):
+        (tmp_path / "x.csv").write_text(head + "".join(f"{stamp},0.{i}5\n" for i, stamp in enumerate(stamps)))
+        time = read_columns(tmp_path / "x.csv").column("stamp" if head else "[0]")
+        np.testing.assert_allclose(time, 24 * 3600 - 1 + 0.25 * np.arange(8), atol=1e-9)
+    counted = "".join(f"13:22:0{i},{i},0.5\n" for i in range(8))  # a count beside a time is none of its parts
+    (tmp_path / "x.csv").write_text("stamp,k,gap\n" + counted)
+    np.testing.assert_allclose(np.diff(read_columns(tmp_path / "x.csv").column("stamp")), 1.0)
+
+
+@pytest.mark.parametrize("stated", [TextLayout(), TextLayout(",", ",")])
+def test_decimal_commas_in_quotes_may_stand_between_commas(tmp_path, stated):
+    (tmp_path / "x.csv").write_text('t [s],y [mm],n\n"0,00010","0,027",1\n"0,00020","-1,5e-3",2\n"0,00030","1",3\n')
+    columns = read_columns(tmp_path / "x.csv", stated)
+    np.testing.assert_array_equal(columns.column("t [s]"), [1e-4, 2e-4, 3e-4])
+    np.testing.assert_array_equal(columns.column("y [mm]"), [0.027, -1.5e-3, 1.0])
+    np.testing.assert_array_equal(columns.column("n"), [1, 2, 3])
 
 
 @pytest.mark.parametrize(
@@ -244,3 +293,30 @@ def test_a_monitor_that_stamps_its_lines_gives_a_time(tmp_path):
 def test_times_of_day_are_no_names(tmp_path):
     (tmp_path / "x.csv").write_text("t,y\n" + "".join(f"13:22:0{i}.5,{i}\n" for i in range(9)))
     assert read_columns(tmp_path / "x.csv").names == ("t", "y")
+
+
+@pytest.mark.parametrize(
+    ("units", "headers"),
+    [
+        ("s;mm;A;1/min", ("t [s]", "y [mm]", "i [A]", "n [1/min]")),
+        ("s;mm;A;U/min", ("t [s]", "y [mm]", "i [A]", "n [U/min]")),
+        ("s;mm;A;bar", ("t [s]", "y [mm]", "i [A]", "n [bar]")),
+        ("s;mm;A;l/min", ("t [s]", "y [mm]", "i [A]", "n [l/min]")),
+        ("s;counts;A;V", ("t [s]", "y [counts]", "i [A]", "n [V]")),
+        ("ms;mm/s2;kA;µm", ("t [ms]", "y [mm/s2]", "i [kA]", "n [µm]")),
+    ],
+)
+def test_a_row_of_units_may_hold_one_that_is_not_known(tmp_path, units, headers):
+    lines = "".join(f"0,{i:03d};{i},5;1,5;{i}\n" for i in range(20))
+    (tmp_path / "x.csv").write_text(f"t;y;i;n\n{units}\n{lines}")
+    columns = read_columns(tmp_path / "x.csv")
+    assert columns.names == ("t", "y", "i", "n") and tuple(columns.headers.values()) == headers
+
+
+@pytest.mark.parametrize("names", ["s;m;pos;cur", "t;gap;i;ref", "s;v;a;n", "s;mm;mm;Kommentarzeile"])
+def test_names_that_are_like_units_are_names(tmp_path, names):
+    lines = "".join(f"0,{i:03d};{i},5;1,5;{i}\n" for i in range(20))
+    (tmp_path / "x.csv").write_text(f"Lager;vorn;links;oben\n{names}\n{lines}")
+    split = names.split(";")
+    expected = tuple(name if split.count(name) == 1 else f"[{j}]" for j, name in enumerate(split))
+    assert read_columns(tmp_path / "x.csv").names == expected

@@ -5,6 +5,7 @@ import tomllib
 import h5py
 import numpy as np
 import pytest
+import scipy
 from command_line import maglev
 
 from maglev_env.recordings.files import read_columns
@@ -135,3 +136,39 @@ def test_columns_of_one_name_keep_that_of_their_group_in_each_of_several_runs(tm
             file[f"{run}/position/value"], file[f"{run}/current/value"] = gap, 1 + 0.3 * (gap - 8)
     runs = runs_of_file(tmp_path / "all.h5")
     assert [[*run.columns] for run in runs] == 2 * [["time [s]", "current value", "position value"]]
+
+
+def controldesk(clocks, quantities):
+    """A capture as ControlDesk writes it: axes X and signals Y, each with its name, unit and raster beside its data."""
+    x = [{"Name": f"Time {r}", "Unit": "s", "Raster": r, "Data": t} for r, t in clocks.items()]
+    y = [{"Name": f'"{n}"', "Unit": u, "Raster": r, "Data": v} for n, u, r, v in quantities]
+    return {"X": np.array(x, dtype=object), "Y": np.array(y, dtype=object)}
+
+
+def test_names_and_units_beside_the_data_stay_in_a_joined_run(tmp_path):
+    rng = np.random.default_rng(4)
+    fast, slow = np.arange(8000) / 1e4, np.arange(1600) / 2e3
+    gap = np.convolve(rng.normal(size=8000), np.full(50, 1 / 50), "same")
+    moved = np.interp(slow, fast, gap)
+    signals = (("Position", "um", "fast", 40 * gap), ("Coil current", "mA", "slow", 300 * moved))
+    signals += (("Command", "mA", "slow", 310 * moved + 5 * rng.normal(size=1600)),)
+    scipy.io.savemat(tmp_path / "rec.mat", {"rec": controldesk({"fast": fast, "slow": slow}, signals)})
+    maglev("new", tmp_path)
+    names = read_columns(tmp_path / "rec_joined.csv").names
+    assert names == ("time [s]", "Position [um]", "Coil current [mA]", "Command [mA]")
+    channels = channels_of(tmp_path)
+    assert {name: channels[name].get("scale", 1.0) for name in ("displacement", "current", "command")} == {
+        "displacement": 1e-6, "current": 1e-3, "command": 1e-3
+    }  # fmt: skip
+
+
+def test_names_and_units_beside_the_data_stay_in_each_run(tmp_path):
+    rng, t = np.random.default_rng(5), np.arange(3000) / 1e3
+    made = {}
+    for run in ("run1", "run2"):
+        gap = 30 * np.convolve(rng.normal(size=3000), np.full(50, 1 / 50), "same")
+        ch = [{"Name": n, "Unit": u, "Data": v} for n, u, v in (("Position", "um", gap), ("Current", "mA", 9 * gap))]
+        made[run] = {"time": t, "ch": np.array(ch, dtype=object)}
+    scipy.io.savemat(tmp_path / "all.mat", made)
+    runs = runs_of_file(tmp_path / "all.mat")
+    assert [[*run.columns] for run in runs] == 2 * [["time [s]", "Position [um]", "Current [mA]"]]

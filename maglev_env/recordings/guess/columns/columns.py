@@ -18,8 +18,7 @@ from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED
 from maglev_env.recordings.guess.units import Unit
 
 _NOT_CURRENT = 3.0  # times the size of the current beyond which a "command" is a voltage
-
-
+ASK_SPEED = "speed_rpm of the recording, because this column states no known unit"
 UNUSED = "unused"  # stated of a column that is no channel
 
 
@@ -145,4 +144,7 @@ def _resting(guess: ColumnGuess, unit: Unit | None, values: np.ndarray) -> Colum
     if not guess.channel.startswith(("gap_estimate", "voltage", "injection", "speed")) or not shown.is_constant(values):
         return guess
     reason, scale = f"{guess.reason}, but {values[0]:g} in every sample", unit.scale if unit else guess.scale
-    return replace(guess, channel="", reason=reason, resting=guess.channel, scale=scale)
+    guess = replace(guess, channel="", reason=reason, resting=guess.channel, scale=scale)
+    if guess.resting == "speed" and unit is None and values[0] != 0:  # rad/s, 1/min or 1/s
+        return replace(guess, ask=ASK_SPEED, confidence=OPEN)
+    return guess

@@ -1,6 +1,7 @@
 """What a file calls a column, and what that says of its channel."""
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,21 +16,23 @@ from maglev_env.recordings.guess.words import Meaning, meaning
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
 _UNITS_BESIDE = ("Unit", "unit", "Units", "units", "XUnit")
 _TDMS = re.compile(r"/'.*'/'(.+)'")  # what a TDMS file calls a channel: /'group'/'channel'
+_POSITION, _NAMELESS = re.compile(r"\[\d+\]"), re.compile(r"\[.*\]")  # a label that is a place or a unit
 _VARIABLE, _TYPE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+"), re.compile(r"^(f|r|lr)(?=[A-Z])")
 
 
 def label_of(expression: str, found: Contents) -> tuple[str, Unit | None]:
     """What the file calls a column, and its unit: by a text beside it, else by the last part of its name."""
     texts = found.texts
+    among = {*_names_in(found)}
     if channel := _TDMS.fullmatch(expression):
-        return header_unit(channel[1])
+        return header_unit(channel[1], among)
     if header := found.headers.get(expression, ""):
-        label, unit = header_unit(header)
+        label, unit = header_unit(header, among)
         # Of a controller's variable, "MAIN.fbAxis.fPosition", the last part without the letter of its type.
         label = _TYPE.sub("", label.rpartition(".")[2]) if _VARIABLE.fullmatch(label) else label
-        return label or expression, unit
+        return label or (expression if _POSITION.fullmatch(expression) else header), unit  # of "[V]" the unit alone
     if listed := _listed(expression, found):
-        return header_unit(_last_part(listed))
+        return header_unit(_last_part(listed), among)
     above, _, last = expression.rpartition(".")
     beside = next((texts[f"{above}.{key}"] for key in _NAMES_BESIDE if texts.get(f"{above}.{key}", "").strip()), "")
     if beside and meaning(last).channel == "time":  # the block's name is that of the values beside its time
@@ -43,8 +46,18 @@ def label_of(expression: str, found: Contents) -> tuple[str, Unit | None]:
     elif beside:
         unit = unit or header_unit(name.rpartition("/")[2])[1]  # of the port, where the block's name says what it is
         name = _last_part(name)
-    label, in_header = header_unit(name)
+    label, in_header = header_unit(name, among)
     return label, unit or in_header
+
+
+def _names_in(found: Contents) -> Iterator[str]:
+    """What may be the name of a column of a file."""
+    for column in found.columns:
+        channel = _TDMS.fullmatch(column)
+        yield channel[1] if channel else column
+        yield column.rpartition(".")[2]
+    yield from found.headers.values()
+    yield from found.texts.values()
 
 
 def _last_part(path: str) -> str:
@@ -82,8 +95,9 @@ def by_name(column: str, label: str, unit: Unit | None, values: np.ndarray, spel
         values: (samples,).
         spelled: the name with its axis as x or y, where the file calls it otherwise.
     """
-    said = meaning(spelled or ("" if re.fullmatch(r"\[\d+\]", label) else label), unit.si if unit else "")
-    if said.channel is None and unit and unit.si == "A" and label == unit.text:  # called by its unit alone
+    nameless = _NAMELESS.fullmatch(label) is not None
+    said = meaning(spelled or ("" if nameless else label), unit.si if unit else "")
+    if said.channel is None and unit and unit.si == "A" and (nameless or label == unit.text):  # by its unit alone
         said = Meaning("current", confidence=LIKELY)
     if not np.isfinite(values).all():
         return ColumnGuess(column, label, "", 1.0, "holds values that are no finite numbers", SURE)
