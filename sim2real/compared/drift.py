@@ -4,7 +4,7 @@ Recordings without a period are simulated with the drift, which is an effect lik
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, log
 
 import numpy as np
@@ -14,6 +14,7 @@ from maglev_env.linear.poles import closed_loop_poles
 from sim2real.compared.point import Point, experiment_at
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import SETTLED
+from sim2real.compared.whole_gain import with_more_gain
 from sim2real.recorded.drifting import steady
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
@@ -122,10 +123,9 @@ def _ringing(record: Record, point: Point) -> int:
 
 def _by_gain(part: Part, point: Point) -> np.ndarray:
     """Derivative (outputs, axes, n) of the residuals with respect to a relative change of the actuator gain."""
-    own = point.effects.get("actuator_gain", {}).get("change", 0.0)
-    more = {**point.effects, "actuator_gain": {"change": own + STEP * (1 + own)}}
-    here, there = part.predictor([point, replace(point, effects=more)])
-    return (there - here) / STEP
+    more, change = with_more_gain(part.record.experiment, point, STEP)
+    here, there = part.predictor([point, more])
+    return (there - here) / change
 
 
 def trends(record: Record, part: Part, first: int = 0) -> tuple[np.ndarray, np.ndarray]:

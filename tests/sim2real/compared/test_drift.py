@@ -16,7 +16,7 @@ from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared import drift as drift_module
-from sim2real.compared.drift import FORM, Drift, _ringing, _slope, drift_of
+from sim2real.compared.drift import FORM, Drift, _by_gain, _ringing, _slope, drift_of
 from sim2real.compared.point import Point, tolerances
 from sim2real.compared.problem import assemble
 from sim2real.recorded.drifting import steady, trend
@@ -179,3 +179,13 @@ def test_trends_of_noise_scatter_as_they_are_said_to(tmp_path, monkeypatch):
         found.append(_slope(part, NOMINAL)[2:])
     beyond, scatter = np.array(found).T
     assert beyond.std() / 2 == pytest.approx(scatter[0], rel=0.25)
+
+
+def test_the_derivative_by_the_gain_is_that_at_a_gain_within_its_tolerance(tmp_path):
+    """Against differences of the tolerance's own move, to which a drift by the same share adds."""
+    (part,) = problem(tmp_path, seeds=(0,)).parts
+    for change in (0.0, 0.009, 0.03, -0.03):
+        less, more = ((1 + change) * (1 + step) - 1 for step in (-0.002, 0.002))
+        low, high = part.predictor([Point({}, {"actuator_gain": moved}) for moved in (less, more)])
+        found, expected = _by_gain(part, Point({}, {"actuator_gain": change})), (high - low) / 0.004
+        assert abs(found - expected).max() < 0.03 * abs(expected).max(), change
