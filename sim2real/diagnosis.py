@@ -12,7 +12,7 @@ from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
-from sim2real.compared.drift import DRIFT, Drift, drift_of
+from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
@@ -204,7 +204,7 @@ def _corrected(
     if not np.isfinite(candidate.fit.cost):
         return NOMINAL
     point = candidate.fit.hypothesis.point(candidate.fit.u)
-    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
     if drift is not None and drift.shown and DRIFTING in effects and DRIFTING not in point.effects:
-        tones[DRIFTING] = drift.parameters
+        point = with_drift(point, drift.rate, [part.record for part in fitted.parts])
+    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
     return Point({**point.effects, **tones}, point.changes)

@@ -3,8 +3,8 @@
 Recordings without a period are simulated with the drift, which is an effect like any other there.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import ceil, log
 
 import numpy as np
@@ -14,8 +14,8 @@ from maglev_env.linear.poles import closed_loop_poles
 from sim2real.compared.point import Point, experiment_at
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import SETTLED
-from sim2real.compared.whole_gain import with_more_gain
-from sim2real.recorded.drifting import steady
+from sim2real.compared.whole_gain import GAIN, times_gain, with_more_gain
+from sim2real.recorded.drifting import DRIFTING, middle, steady
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
@@ -28,6 +28,7 @@ NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
 CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain explains to count as something else
 OTHER = 0.3  # share of the trends that the gain's direction may leave, for its form and its derivative
 ROUNDS = 3  # of weighing the recordings
+LEAST_GAIN = 0.1  # share of the mean gain with which a drift may begin
 FORM = 0.1  # relative error of the rate in one recording that a drift which is not steady may make
 
 
@@ -48,11 +49,6 @@ class Drift:
     chi2: float
     left: float
     shown: bool
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The parameters of the effect gain_drift."""
-        return {"rate": self.rate}
 
     def against(self, rate: float, sd: float) -> float:
         """Cost of another rate, told with a standard error, beyond that of none where no drift is shown.
@@ -87,6 +83,33 @@ def drift_of(problem: Problem, point: Point) -> Drift | None:
     left += float(other[surely].sum())
     shown = bool(stats.chi2.sf(chi2, len(rate)) <= FALSE_ALARM)
     return Drift(mean, float(weight.sum() ** -0.5), chi2 + float(other[surely].sum()), left, shown)
+
+
+def with_drift(point: Point, rate: float, records: Sequence[Record | OpenRecord]) -> Point:
+    """The point with a drift of the gain whose mean is the gain that a fit without a drift has found.
+
+    That is the gain in the middle of the recordings, the rate is relative to it, and the drift begins with each
+    recording.
+
+    Args:
+        point: As it was fitted, without a drift.
+        rate: Relative change of the gain per second.
+        records: The recordings in which it was fitted.
+    """
+    begins = max(1 - rate * float(np.mean([_middle(r) for r in records])), LEAST_GAIN)
+    if GAIN in point.effects:
+        found = times_gain(records[0].experiment, point, begins)
+    else:  # the rig's own gain, within its tolerance or not
+        whole = begins * (1 + point.changes.get(GAIN, 0.0))
+        found = replace(point, changes={**point.changes, GAIN: whole - 1})
+    return replace(found, effects={**found.effects, DRIFTING: {"rate": rate / begins}})
+
+
+def _middle(record: Record | OpenRecord) -> float:
+    """Middle of what is compared, s after the begin."""
+    if isinstance(record, OpenRecord):
+        return (record.first + 0.5 * record.windows.samples) / record.windows.sample_rate
+    return middle(record)
 
 
 def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None:

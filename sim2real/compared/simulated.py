@@ -13,7 +13,7 @@ from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.rig.rig import Rig
 from sim2real.compared.point import NOMINAL, Point, experiment_at, is_dithered, settling, unseen_by, without_dithered
-from sim2real.recorded.drifting import DRIFTING, steady
+from sim2real.recorded.drifting import DRIFTING, middle, steady
 from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes, simulated_series
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
@@ -108,8 +108,7 @@ class Predictor:
     @property
     def middle(self) -> float:
         """Middle of what is compared, s after the begin, where a drift counts by its mean; else 0."""
-        r = self.record
-        return 0.0 if isinstance(r, OpenRecord) else r.start + 0.5 * r.count / r.experiment.fundamental
+        return 0.0 if isinstance(self.record, OpenRecord) else middle(self.record)
 
     @property
     def schedule(self) -> tuple:

@@ -29,13 +29,31 @@ def with_more_gain(e: Experiment, point: Point, share: float) -> tuple[Point, fl
     Returns:
         The point with that gain, and the share with the sign that it has there.
     """
-    gain_alone = Point(*({k: v for k, v in of.items() if k == GAIN} for of in (point.effects, point.changes)))
-    here = experiment_at(e, gain_alone).effects
-    whole, form = 1 + effect_value(here, GAIN), effect_value(here, GAIN, "force_share")
+    whole, form = _whole(e, point)
     share = abs(share) if whole * (1 + share) - 1 <= BOUNDS.high and not (form and whole < 1) else -abs(share)
     if whole * (1 + share) - 1 < BOUNDS.low:
         share = -share
-    more = {**here.get(GAIN, {}), "change": whole * (1 + share) - 1}
+    return times_gain(e, point, 1 + share), share
+
+
+def times_gain(e: Experiment, point: Point, factor: float) -> Point:
+    """The point with a current that pulls larger by a factor; its gain stays in the range of the effect.
+
+    Args:
+        e: The experiment on the nominal rig.
+        point: The point.
+        factor: Above 0.
+    """
+    whole, form = _whole(e, point)
+    there = min(max(whole * factor, 1 + BOUNDS.low), 1 + BOUNDS.high)
+    more = {"change": there - 1}
     if form:
-        more["force_share"] = min(max(form * log(whole) / log(whole * (1 + share)), 0.0), 1.0)
-    return replace(point, effects={**point.effects, GAIN: more}), share
+        more["force_share"] = min(max(form * log(whole) / log(there), 0.0), 1.0) if there != 1 else form
+    return replace(point, effects={**point.effects, GAIN: more})
+
+
+def _whole(e: Experiment, point: Point) -> tuple[float, float]:
+    """The whole gain at a point, in units of that of the magnets, and its form."""
+    gain_alone = Point(*({k: v for k, v in of.items() if k == GAIN} for of in (point.effects, point.changes)))
+    here = experiment_at(e, gain_alone).effects
+    return 1 + effect_value(here, GAIN), effect_value(here, GAIN, "force_share")
