@@ -11,11 +11,11 @@ import numpy as np
 from scipy import stats
 
 from maglev_env.linear.poles import closed_loop_poles
-from sim2real.compared.point import Point, experiment_at
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import SETTLED
+from sim2real.compared.simulated import SETTLED, experiment_near
 from sim2real.compared.whole_gain import GAIN, times_gain, with_more_gain
-from sim2real.recorded.drifting import DRIFTING, middle, steady
+from sim2real.recorded.drifting import DRIFTING, middle
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
@@ -138,7 +138,7 @@ def _ringing(record: Record, point: Point) -> int:
     A loop that is slower than the nominal one rings on where a nominal one is steady, and that is a trend, too.
     """
     e = record.experiment
-    radius = abs(closed_loop_poles(experiment_at(e, Point(steady(record, point.effects), point.changes)))).max()
+    radius = abs(closed_loop_poles(experiment_near(record, point))).max()
     if not SETTLED < radius < 1:
         return 0
     return max(ceil(log(SETTLED) / log(radius) / e.samples_per_period) - record.dropped, 0)

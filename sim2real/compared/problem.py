@@ -125,9 +125,10 @@ class Problem:
             period = 1 / periodic[0].record.experiment.fundamental
             anyway = min(p.predictor.transient / p.record.nominal.control_rate for p in periodic)
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
-            dithering = self.parts[0].record.nominal.noise.displacement > 0
+            nominal = self.parts[0].record.nominal
+            dithering, drifts = nominal.noise.displacement > 0, DRIFTING in nominal.effects
             for drifting in (False, True):
-                some = [i for i, point in enumerate(points) if (DRIFTING in point.effects) == drifting]
+                some = [i for i, p in enumerate(points) if (drifts or DRIFTING in p.effects) == drifting]
                 # Recordings share lanes, but for a drift that counts by its mean over the periods of each.
                 shared: dict[tuple, list[Part]] = {}
                 for part in self.parts if some else ():
@@ -144,8 +145,8 @@ class Problem:
                         for part, rows in zip(parts, predicted, strict=True):
                             found[which, part.place] = part.whitened(rows)
         if self.static is not None:
-            nominal = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
-            at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]
+            resting = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
+            at = [experiment_at(resting, p) for p in points]
             rows = self.static.whitened(np.array([coefficients_at(e) for e in at]))
             found[:, -rows.shape[1] :] = rows
         return self.nuisances.clear(found)

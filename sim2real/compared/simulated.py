@@ -39,7 +39,7 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
     if dithered:
         noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
         e = replace(e, rig=replace(e.rig, noise=noise))
-    made: dict[tuple, Rig] = {}
+    e, made = _without_hidden(record, e), dict[tuple, Rig]()
     seen = [_as_seen(record, e, p, made) for p in points]
     seeded = [own if seed is None else replace(own, seed=seed) for own in seen for seed in seeds]
     return prepared(seeded, substeps_of(record))
@@ -58,20 +58,38 @@ def series_at(record: OpenRecord, point: Point) -> np.ndarray:
     return mean(point, True) - (mean(plain, True) - mean(plain, False))
 
 
-def experiment_near(record: OpenRecord, near: Point) -> Experiment:
-    """The experiment of a record without a period on the rig that a point describes."""
-    return _as_seen(record, record.experiment, near, {})
+def experiment_near(record: Record | OpenRecord, near: Point) -> Experiment:
+    """A record's experiment on the rig that a point describes, as it is simulated."""
+    return _as_seen(record, _without_hidden(record, record.experiment), near, {})
+
+
+def _hidden(record: Record | OpenRecord) -> frozenset[str]:
+    """Effects that are not simulated as such: those that act before what drives the record, and a drift over periods,
+    in whose place the gain is its mean."""
+    return unseen_by(record) | (frozenset() if isinstance(record, OpenRecord) else {DRIFTING})
+
+
+def _without_hidden(record: Record | OpenRecord, e: Experiment) -> Experiment:
+    """The record's experiment on a rig without what is hidden of its own effects, which every experiment on it has."""
+    hidden = _hidden(record)
+    if hidden.isdisjoint(e.rig.effects):
+        return e
+    own = {name: values for name, values in e.rig.effects.items() if name not in hidden}
+    return replace(e, rig=replace(e.rig, effects=own), effects=own)
 
 
 def _as_seen(record: Record | OpenRecord, e: Experiment, point: Point, made: dict[tuple, Rig]) -> Experiment:
-    """As `experiment_at`, without effects that act before what drives the record."""
-    every, unseen = {**e.rig.effects, **point.effects}, unseen_by(record)
-    seen = {name: values for name, values in every.items() if name not in unseen}
-    if DRIFTING not in seen or isinstance(record, OpenRecord):
-        return experiment_at(e, Point(seen, point.changes), made)
-    # A change within the tolerance of the gain is one of the effect that a drift becomes a part of.
+    """As `experiment_at`, without what is hidden; e: without it, too.
+
+    The rig's own effects stay with the rig, so that a tolerance moves the value that they give.
+    """
+    hidden = _hidden(record)
+    seen = {name: values for name, values in point.effects.items() if name not in hidden}
     found = experiment_at(e, Point(seen, point.changes), made)
-    return replace(found, effects=steady(record, found.effects))
+    drift = {**record.experiment.rig.effects, **point.effects}.get(DRIFTING)
+    if drift is None or isinstance(record, OpenRecord):
+        return found
+    return replace(found, effects=steady(record, {**found.effects, DRIFTING: drift}))
 
 
 @dataclass(frozen=True)
