@@ -122,7 +122,8 @@ class Problem:
         periodic = [p for p in self.parts if not isinstance(p.record, OpenRecord)]
         period, anyway = 1.0, np.inf  # without a period nothing needs to settle
         if periodic:
-            period = 1 / periodic[0].record.experiment.fundamental
+            # Of the longest ones, because `residuals` limits each recording's transient by its own period.
+            period = max(1 / p.record.experiment.fundamental for p in periodic)
             anyway = min(p.predictor.transient / p.record.nominal.control_rate for p in periodic)
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             nominal = self.parts[0].record.nominal

@@ -1,7 +1,8 @@
 """What a hypothesis predicts for a campaign: its lanes are simulated with each recording's own waveforms and gains."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from math import ceil, log
 
 import numpy as np
@@ -114,12 +115,13 @@ class Predictor:
     known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)
     near: Point = NOMINAL
 
-    @property
+    @cached_property
     def kind(self) -> tuple:
         """Key of the records that may share prepared lanes."""
         e = self.record.experiment
         kind = controller_kind(e.gains, 1 / e.rig.control_rate)
-        of_rig = e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
+        # Records of one campaign differ in what stands in for their controller, and in how their force law is bent.
+        of_rig = tuple(repr(getattr(e.rig, f.name)) for f in fields(e.rig))
         repeats = self.replay is None  # else dithered lanes have several noises
         return kind, e.speed_rpm, *of_rig, unseen_by(self.record), substeps_of(self.record), repeats
 

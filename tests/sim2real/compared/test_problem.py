@@ -1,0 +1,59 @@
+"""What recordings of one campaign share when they are simulated together, and what each has of its own."""
+
+from dataclasses import replace
+
+import ball_bench
+import numpy as np
+from ball_bench import BALL
+from campaigns import planned, repeated
+from scipy import signal
+
+from maglev_env.loop.effect import effect
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
+from sim2real.compared.law_shape import FORM_NAME, with_bent_law
+from sim2real.compared.point import NOMINAL, Point
+from sim2real.compared.problem import assemble
+from sim2real.compared.simulated import Predictor
+from sim2real.recorded.nuisances import Nuisances
+from sim2real.recorded.open_evidence import simulated_series
+from sim2real.recorded.records import read_records
+
+
+def test_a_mode_rings_out_in_long_periods_whatever_recording_comes_first(tmp_path):
+    """Its ringing lasts for as many periods as are waited for at most in the one, and for four times as many in the
+    other."""
+    (plan,) = planned(load_rig("hmb_free"), names=("base",))
+    records = []
+    for fundamental, count in ((16.0, 10), (4.0, 40)):
+        push = Excitation("sphs", "force", fundamental, tuple(range(1, count)), 0.02)
+        (record,) = repeated(tmp_path / f"{count}", [replace(plan.experiment, excitations=(push,))])
+        records.append(record)
+    ringing = Point(effect("support_resonance", 30.0, damping_ratio=0.012), {})
+    found = []
+    for order in (records, records[::-1], records[1:]):
+        problem = assemble(order, rest=False)
+        problem = replace(problem, nuisances=Nuisances((), np.zeros((0, problem.whitened.size))))
+        (whole,) = problem.simulate([ringing])
+        found.append(next(whole[part.place] for part in problem.parts if part.record is records[1]))
+    for other in found[:2]:
+        assert abs(other - found[2]).max() < 1e-9 * abs(found[2]).max()
+
+
+def test_a_record_of_a_bent_law_does_not_share_the_lanes_of_one_without(tmp_path):
+    rig = rig_from_toml(BALL, "ball")
+    rng = np.random.default_rng(5)
+    injection = 0.2 * signal.lfilter(*signal.butter(2, 20.0, fs=rig.control_rate), rng.normal(size=600))
+    controller = ", ".join(
+        line.partition("#")[0].strip() for line in BALL.partition("[gains]\n")[2].strip().splitlines()
+    )
+    runs = {name: ball_bench.record(rig, 0.6, seed, injection) for name, seed in (("a", 3), ("b", 4))}
+    ball_bench.write_campaign(tmp_path, BALL, f"{{ {controller} }}", runs)
+    one, other = read_records(load_campaign(tmp_path))[1]
+    plain, same, bent = (
+        Predictor(r, None, 0, replay=object()) for r in (one, other, with_bent_law(one, {FORM_NAME: 1.0}))
+    )
+    moved, expected = (simulated_series(one, p.lanes([NOMINAL])) for p in (bent, plain))
+    assert abs(moved - expected)[0, 0].max() > 1e-3 * abs(expected)[0, 0].max()
+    assert plain.kind == same.kind != bent.kind
