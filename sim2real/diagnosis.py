@@ -42,7 +42,7 @@ from sim2real.search.candidates import Attribution, Candidate, best_partial, con
 from sim2real.search.hypotheses import TONES
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
-HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
+HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line, or window of lines, is withheld from the fits
 
 
 def diagnose(
@@ -150,7 +150,9 @@ def _problems(records: Sequence[Record | OpenRecord], bench: BenchNoise) -> tupl
     else:
         fitted, judged = fitted.split(HELD_OUT_EVERY)
         judged_on = "held-out lines"
-        notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
+        notes.append(
+            "no recording is a holdout: the gap is judged on every fourth line (or window of them), which no fit saw"
+        )
     if fitted.static is not None and (drifts := drift_in_words(fitted.static)):
         notes.append(drifts)
     return fitted, judged, judged_on, notes

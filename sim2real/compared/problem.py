@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimation.lines.line_windows import KEPT
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
@@ -228,16 +229,28 @@ class Problem:
         return assemble(records, used, near, self.static is not None, louder, self.bench, errors, self.for_estimate)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
-        """Two problems: one without every n-th excited line, and one of those lines alone."""
-        kept, withheld = [], []
-        for part in self.parts:
-            driven = np.flatnonzero(part.record.excited & part.used)
-            out = np.zeros_like(part.used)
-            out[driven[every - 1 :: every]] = True
-            kept.append(part.used & ~out)
-            withheld.append(out)
+        """Two problems: one without every n-th excited line, and one of those lines alone. Of records without a period
+        that are compared in all directions, every n-th window is withheld."""
+        withheld = [_every(part, every) for part in self.parts]
+        kept = [part.used & ~out for part, out in zip(self.parts, withheld, strict=True)]
         records = [p.record for p in self.parts]
         return assemble(records, kept, bench=self.bench), assemble(records, withheld, rest=False, bench=self.bench)
+
+
+def _every(part: Part, n: int) -> np.ndarray:
+    """Every n-th of a record's excited lines (lines,), or all those of every n-th window.
+
+    What of a window goes with the excitation, and what is noise, is told by all coordinates of the window. Where there
+    are fewer windows than n, or where they are compared along instruments alone, single ones are taken.
+    """
+    driven = np.flatnonzero(part.record.excited & part.used)
+    unit = driven
+    if isinstance(part.record, OpenRecord) and part.record.instrument is None:
+        windows = driven // KEPT
+        unit = windows if np.unique(windows).size >= n else driven
+    out = np.zeros_like(part.used)
+    out[driven[np.isin(unit, np.unique(unit)[n - 1 :: n])]] = True
+    return out
 
 
 def _least(measured: np.ndarray) -> np.ndarray:
