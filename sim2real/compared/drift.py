@@ -11,6 +11,7 @@ import numpy as np
 from scipy import stats
 
 from maglev_env.linear.poles import closed_loop_poles
+from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.simulated import SETTLED, experiment_near
@@ -28,7 +29,7 @@ NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
 CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain explains to count as something else
 OTHER = 0.3  # share of the trends that the gain's direction may leave, for its form and its derivative
 ROUNDS = 3  # of weighing the recordings
-LEAST_GAIN = 0.1  # share of the mean gain with which a drift may begin
+LEAST_GAIN, MOST_GAIN = 0.5, 2.0  # shares of the mean gain with which a drift may begin
 FORM = 0.1  # relative error of the rate in one recording that a drift which is not steady may make
 
 
@@ -96,13 +97,15 @@ def with_drift(point: Point, rate: float, records: Sequence[Record | OpenRecord]
         rate: Relative change of the gain per second.
         records: The recordings in which it was fitted.
     """
-    begins = max(1 - rate * float(np.mean([_middle(r) for r in records])), LEAST_GAIN)
+    begins = min(max(1 - rate * float(np.mean([_middle(r) for r in records])), LEAST_GAIN), MOST_GAIN)
     if GAIN in point.effects:
         found = times_gain(records[0].experiment, point, begins)
     else:  # the rig's own gain, within its tolerance or not
         whole = begins * (1 + point.changes.get(GAIN, 0.0))
         found = replace(point, changes={**point.changes, GAIN: whole - 1})
-    return replace(found, effects={**found.effects, DRIFTING: {"rate": rate / begins}})
+    bounds = EFFECTS[DRIFTING].parameters["rate"]
+    within = min(max(rate / begins, bounds.low), bounds.high)
+    return replace(found, effects={**found.effects, DRIFTING: {"rate": within}})
 
 
 def _middle(record: Record | OpenRecord) -> float:

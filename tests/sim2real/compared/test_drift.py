@@ -206,3 +206,12 @@ def test_a_drift_beside_a_fitted_gain_leaves_its_mean_and_has_the_rate_relative_
     fitted = 1 + experiment_at(e, point).effects.get("actuator_gain", {}).get("change", 0.0)
     assert gains.mean() == pytest.approx(fitted, rel=1e-9)
     assert np.polyfit(at, gains, 1)[0] / gains.mean() == pytest.approx(rate, rel=1e-9)
+
+
+@pytest.mark.parametrize("rate", (-30.0, 30.0))
+@pytest.mark.parametrize("change", (-0.1, 0.1))
+def test_a_drift_that_no_effect_can_be_is_the_steepest_that_is_one(tmp_path, rate, change):
+    (part,) = problem(tmp_path, seeds=(0,)).parts
+    for point in (Point({}, {"actuator_gain": change}), Point(effect("actuator_gain", change), {})):
+        found = with_drift(point, rate, [part.record])
+        assert abs(experiment_at(part.record.experiment, found).effects["gain_drift"]["rate"]) <= 10
