@@ -12,7 +12,7 @@ from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
-from sim2real.compared.drift import DRIFT, Drift, drift_of
+from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
@@ -42,7 +42,7 @@ from sim2real.search.candidates import Attribution, Candidate, best_partial, con
 from sim2real.search.hypotheses import TONES
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
-HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line is withheld from the fits
+HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line, or window of lines, is withheld from the fits
 
 
 def diagnose(
@@ -150,7 +150,9 @@ def _problems(records: Sequence[Record | OpenRecord], bench: BenchNoise) -> tupl
     else:
         fitted, judged = fitted.split(HELD_OUT_EVERY)
         judged_on = "held-out lines"
-        notes.append("no recording is a holdout: the gap is judged on every fourth line, which no fit has seen")
+        notes.append(
+            "no recording is a holdout: the gap is judged on every fourth line (or window of them), which no fit saw"
+        )
     if fitted.static is not None and (drifts := drift_in_words(fitted.static)):
         notes.append(drifts)
     return fitted, judged, judged_on, notes
@@ -204,7 +206,7 @@ def _corrected(
     if not np.isfinite(candidate.fit.cost):
         return NOMINAL
     point = candidate.fit.hypothesis.point(candidate.fit.u)
-    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
     if drift is not None and drift.shown and DRIFTING in effects and DRIFTING not in point.effects:
-        tones[DRIFTING] = drift.parameters
+        point = with_drift(point, drift.rate, [part.record for part in fitted.parts])
+    tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
     return Point({**point.effects, **tones}, point.changes)

@@ -13,14 +13,15 @@ damping are taken as known: what they are wrong by reads as a gain that changes 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimation.apparent_gain import TOLD, ApparentGain, BandGain, edges
 from estimation.lines.line_windows import WIDTH
-from sim2real.compared.point import Point, experiment_at
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Part, Problem
+from sim2real.compared.simulated import experiment_near
 from sim2real.judgement.nonstationary import whiteness
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_evidence import measured_series, simulated_series
@@ -101,8 +102,7 @@ def _evidence(problem: Problem, index: int, point: Point) -> _Evidence | None:
     simulated = simulated_series(record, part.predictor.lanes([point]))[0]
     if not np.isfinite(simulated).all():
         return None
-    e = record.experiment
-    e = experiment_at(e, replace(point, effects={**e.rig.effects, **point.effects}))
+    e = experiment_near(record, point)
     _, amplifier, plant, receptance, *_ = nominal_blocks(e, record.windows.frequency.ravel(), True)
     current = 2 if record.source == "current" else 1  # the command of a simulation without an amplifier, or the current
     shape = (record.windows.count, WIDTH)

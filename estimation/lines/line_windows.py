@@ -20,6 +20,7 @@ TERMS = 3  # of the polynomial that stands for transient and drift
 KEPT = WIDTH - TERMS  # coordinates of a window
 POOLED = 5  # windows whose noise is pooled
 NOISE_ALONE = (0.40, 0.49)  # of the sample rate: where a signal is taken to be noise alone
+LEAST_FREEDOM = 3  # directions of a window that tell its noise at least, however many excitations there are
 _RANK = 1e-6  # share of the strongest direction below which the excitation of a window adds no direction of its own
 
 
@@ -99,6 +100,9 @@ class LineWindows:
     def along(self, projected: np.ndarray, excitation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parts of projected spectra (..., count, KEPT) that a local polynomial response would explain.
 
+        It has TERMS for each excitation, or fewer where so many excitations would leave less than LEAST_FREEDOM
+        directions for noise. Dropping the weakest directions instead would depend on the excitations' units.
+
         Args:
             projected: see `project`.
             excitation: spectrum (count, WIDTH) of what drove the record, or (inputs, count, WIDTH).
@@ -108,7 +112,8 @@ class LineWindows:
             rank: number of directions in each window, (count,).
         """
         driven = np.atleast_3d(excitation.T).T if excitation.ndim == 2 else excitation
-        powers = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(TERMS)
+        terms = max(min(TERMS, (KEPT - LEAST_FREEDOM) // len(driven)), 1)
+        powers = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(terms)
         inputs = np.moveaxis(driven, 0, -1)  # (count, WIDTH, inputs)
         columns = (inputs[..., None] * powers[:, None, :]).reshape(self.count, WIDTH, -1)
         columns = np.swapaxes(np.swapaxes(columns, 1, 2) @ self.directions, 1, 2)

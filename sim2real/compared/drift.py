@@ -3,7 +3,7 @@
 Recordings without a period are simulated with the drift, which is an effect like any other there.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil, log
 
@@ -11,10 +11,12 @@ import numpy as np
 from scipy import stats
 
 from maglev_env.linear.poles import closed_loop_poles
-from sim2real.compared.point import Point, experiment_at
+from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.point import Point
 from sim2real.compared.problem import Part, Problem
-from sim2real.compared.simulated import SETTLED
-from sim2real.recorded.drifting import steady
+from sim2real.compared.simulated import SETTLED, experiment_near
+from sim2real.compared.whole_gain import GAIN, times_gain, with_more_gain
+from sim2real.recorded.drifting import DRIFTING, middle
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
@@ -27,6 +29,7 @@ NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
 CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain explains to count as something else
 OTHER = 0.3  # share of the trends that the gain's direction may leave, for its form and its derivative
 ROUNDS = 3  # of weighing the recordings
+LEAST_GAIN, MOST_GAIN = 0.5, 2.0  # shares of the mean gain with which a drift may begin
 FORM = 0.1  # relative error of the rate in one recording that a drift which is not steady may make
 
 
@@ -47,11 +50,6 @@ class Drift:
     chi2: float
     left: float
     shown: bool
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The parameters of the effect gain_drift."""
-        return {"rate": self.rate}
 
     def against(self, rate: float, sd: float) -> float:
         """Cost of another rate, told with a standard error, beyond that of none where no drift is shown.
@@ -88,6 +86,35 @@ def drift_of(problem: Problem, point: Point) -> Drift | None:
     return Drift(mean, float(weight.sum() ** -0.5), chi2 + float(other[surely].sum()), left, shown)
 
 
+def with_drift(point: Point, rate: float, records: Sequence[Record | OpenRecord]) -> Point:
+    """The point with a drift of the gain whose mean is the gain that a fit without a drift has found.
+
+    That is the gain in the middle of the recordings, the rate is relative to it, and the drift begins with each
+    recording.
+
+    Args:
+        point: As it was fitted, without a drift.
+        rate: Relative change of the gain per second.
+        records: The recordings in which it was fitted.
+    """
+    begins = min(max(1 - rate * float(np.mean([_middle(r) for r in records])), LEAST_GAIN), MOST_GAIN)
+    if GAIN in point.effects:
+        found = times_gain(records[0].experiment, point, begins)
+    else:  # the rig's own gain, within its tolerance or not
+        whole = begins * (1 + point.changes.get(GAIN, 0.0))
+        found = replace(point, changes={**point.changes, GAIN: whole - 1})
+    bounds = EFFECTS[DRIFTING].parameters["rate"]
+    within = min(max(rate / begins, bounds.low), bounds.high)
+    return replace(found, effects={**found.effects, DRIFTING: {"rate": within}})
+
+
+def _middle(record: Record | OpenRecord) -> float:
+    """Middle of what is compared, s after the begin."""
+    if isinstance(record, OpenRecord):
+        return (record.first + 0.5 * record.windows.samples) / record.windows.sample_rate
+    return middle(record)
+
+
 def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None:
     """Relative change of the gain per second in one recording and its standard deviation, the chi-square of all trends
     beyond its expectation, and its scatter; None where nothing can be said."""
@@ -114,7 +141,7 @@ def _ringing(record: Record, point: Point) -> int:
     A loop that is slower than the nominal one rings on where a nominal one is steady, and that is a trend, too.
     """
     e = record.experiment
-    radius = abs(closed_loop_poles(experiment_at(e, Point(steady(record, point.effects), point.changes)))).max()
+    radius = abs(closed_loop_poles(experiment_near(record, point))).max()
     if not SETTLED < radius < 1:
         return 0
     return max(ceil(log(SETTLED) / log(radius) / e.samples_per_period) - record.dropped, 0)
@@ -122,10 +149,9 @@ def _ringing(record: Record, point: Point) -> int:
 
 def _by_gain(part: Part, point: Point) -> np.ndarray:
     """Derivative (outputs, axes, n) of the residuals with respect to a relative change of the actuator gain."""
-    own = point.effects.get("actuator_gain", {}).get("change", 0.0)
-    more = {**point.effects, "actuator_gain": {"change": own + STEP * (1 + own)}}
-    here, there = part.predictor([point, replace(point, effects=more)])
-    return (there - here) / STEP
+    more, change = with_more_gain(part.record.experiment, point, STEP)
+    here, there = part.predictor([point, more])
+    return (there - here) / change
 
 
 def trends(record: Record, part: Part, first: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -1,19 +1,16 @@
 """What errors of the measured current or command that drives a simulation change in the opened coordinates."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from maglev_env.kernel.blocks import Block
-from maglev_env.loop.effect import EFFECTS, effect_value
 from sim2real.compared.point import Point
 from sim2real.compared.simulated import Predictor
+from sim2real.compared.whole_gain import with_more_gain
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.open_evidence import SMALL, Replay, coordinates_of, exact_errors, redriven, simulated_series
 from sim2real.recorded.open_record import OpenRecord
-
-GAIN = EFFECTS["actuator_gain"].parameters["change"]
 
 
 def drive_columns(
@@ -45,22 +42,11 @@ def drive_columns(
             # The scale of the current is that of the actuator's gain. Simulated as such, also the part that the
             # stand-in makes of what the rig does not explain, it is exactly as unknown, and no recording tells both.
             # That holds about one fit; hypotheses that lie elsewhere are compared with the drive as it was read.
-            gain = _gain(as_read, near)
-            # A fit that is lost may stand at the end of what the gain can be.
-            more = 1.0 if gain * (1 + SMALL * error.scale) - 1 <= GAIN.high else -1.0
-            stronger = {"change": gain * (1 + more * SMALL * error.scale) - 1}
-            (moved,) = predicts([replace(near, effects={**near.effects, "actuator_gain": stronger})])
-            change = more * (at - moved)
+            stronger, share = with_more_gain(as_read.experiment, near, SMALL * error.scale)
+            (moved,) = predicts([stronger])
+            change = np.sign(share) * (at - moved)
         else:
             own = redriven(as_read, {**about, error: about.get(error, 0.0) + SMALL})
             change = at - coordinates_of(own, replay.loop, replay.outputs, simulated_series(own, lanes)[0])
         found[error.name] = np.where(np.isfinite(change).all(), change / SMALL, 0.0)
     return found
-
-
-def _gain(record: OpenRecord, near: Point) -> float:
-    """The actuator's gain at a point, in units of that of its magnets."""
-    effects = {**record.nominal.effects, **near.effects}
-    # A tolerance of the gain moves it as long as no effect of its name stands beside it (see `experiment_at`).
-    within = 0.0 if "actuator_gain" in near.effects else near.changes.get("actuator_gain", 0.0)
-    return (1 + effect_value(effects, "actuator_gain")) * (1 + within)

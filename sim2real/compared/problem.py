@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimation.lines.line_windows import KEPT
 from maglev_env.experiment import Experiment
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_lanes.threads import single_blas
@@ -122,12 +123,14 @@ class Problem:
         periodic = [p for p in self.parts if not isinstance(p.record, OpenRecord)]
         period, anyway = 1.0, np.inf  # without a period nothing needs to settle
         if periodic:
-            period = 1 / periodic[0].record.experiment.fundamental
+            # Of the longest ones, because `residuals` limits each recording's transient by its own period.
+            period = max(1 / p.record.experiment.fundamental for p in periodic)
             anyway = min(p.predictor.transient / p.record.nominal.control_rate for p in periodic)
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
-            dithering = self.parts[0].record.nominal.noise.displacement > 0
+            nominal = self.parts[0].record.nominal
+            dithering, drifts = nominal.noise.displacement > 0, DRIFTING in nominal.effects
             for drifting in (False, True):
-                some = [i for i, point in enumerate(points) if (DRIFTING in point.effects) == drifting]
+                some = [i for i, p in enumerate(points) if (drifts or DRIFTING in p.effects) == drifting]
                 # Recordings share lanes, but for a drift that counts by its mean over the periods of each.
                 shared: dict[tuple, list[Part]] = {}
                 for part in self.parts if some else ():
@@ -144,8 +147,8 @@ class Problem:
                         for part, rows in zip(parts, predicted, strict=True):
                             found[which, part.place] = part.whitened(rows)
         if self.static is not None:
-            nominal = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
-            at = [experiment_at(nominal, replace(p, effects={**nominal.rig.effects, **p.effects})) for p in points]
+            resting = Experiment(self.parts[0].record.nominal, NO_CONTROLLER, ())
+            at = [experiment_at(resting, p) for p in points]
             rows = self.static.whitened(np.array([coefficients_at(e) for e in at]))
             found[:, -rows.shape[1] :] = rows
         return self.nuisances.clear(found)
@@ -226,16 +229,28 @@ class Problem:
         return assemble(records, used, near, self.static is not None, louder, self.bench, errors, self.for_estimate)
 
     def split(self, every: int) -> tuple["Problem", "Problem"]:
-        """Two problems: one without every n-th excited line, and one of those lines alone."""
-        kept, withheld = [], []
-        for part in self.parts:
-            driven = np.flatnonzero(part.record.excited & part.used)
-            out = np.zeros_like(part.used)
-            out[driven[every - 1 :: every]] = True
-            kept.append(part.used & ~out)
-            withheld.append(out)
+        """Two problems: one without every n-th excited line, and one of those lines alone. Of records without a period
+        that are compared in all directions, every n-th window is withheld."""
+        withheld = [_every(part, every) for part in self.parts]
+        kept = [part.used & ~out for part, out in zip(self.parts, withheld, strict=True)]
         records = [p.record for p in self.parts]
         return assemble(records, kept, bench=self.bench), assemble(records, withheld, rest=False, bench=self.bench)
+
+
+def _every(part: Part, n: int) -> np.ndarray:
+    """Every n-th of a record's excited lines (lines,), or all those of every n-th window.
+
+    What of a window goes with the excitation, and what is noise, is told by all coordinates of the window. Where there
+    are fewer windows than n, or where they are compared along instruments alone, single ones are taken.
+    """
+    driven = np.flatnonzero(part.record.excited & part.used)
+    unit = driven
+    if isinstance(part.record, OpenRecord) and part.record.instrument is None:
+        windows = driven // KEPT
+        unit = windows if np.unique(windows).size >= n else driven
+    out = np.zeros_like(part.used)
+    out[driven[np.isin(unit, np.unique(unit)[n - 1 :: n])]] = True
+    return out
 
 
 def _least(measured: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """What a hypothesis predicts for a campaign: its lanes are simulated with each recording's own waveforms and gains."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from math import ceil, log
 
 import numpy as np
@@ -13,7 +14,7 @@ from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.rig.rig import Rig
 from sim2real.compared.point import NOMINAL, Point, experiment_at, is_dithered, settling, unseen_by, without_dithered
-from sim2real.recorded.drifting import DRIFTING, steady
+from sim2real.recorded.drifting import DRIFTING, middle, steady
 from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes, simulated_series
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
@@ -39,7 +40,7 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
     if dithered:
         noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
         e = replace(e, rig=replace(e.rig, noise=noise))
-    made: dict[tuple, Rig] = {}
+    e, made = _without_hidden(record, e), dict[tuple, Rig]()
     seen = [_as_seen(record, e, p, made) for p in points]
     seeded = [own if seed is None else replace(own, seed=seed) for own in seen for seed in seeds]
     return prepared(seeded, substeps_of(record))
@@ -58,20 +59,38 @@ def series_at(record: OpenRecord, point: Point) -> np.ndarray:
     return mean(point, True) - (mean(plain, True) - mean(plain, False))
 
 
-def experiment_near(record: OpenRecord, near: Point) -> Experiment:
-    """The experiment of a record without a period on the rig that a point describes."""
-    return _as_seen(record, record.experiment, near, {})
+def experiment_near(record: Record | OpenRecord, near: Point) -> Experiment:
+    """A record's experiment on the rig that a point describes, as it is simulated."""
+    return _as_seen(record, _without_hidden(record, record.experiment), near, {})
+
+
+def _hidden(record: Record | OpenRecord) -> frozenset[str]:
+    """Effects that are not simulated as such: those that act before what drives the record, and a drift over periods,
+    in whose place the gain is its mean."""
+    return unseen_by(record) | (frozenset() if isinstance(record, OpenRecord) else {DRIFTING})
+
+
+def _without_hidden(record: Record | OpenRecord, e: Experiment) -> Experiment:
+    """The record's experiment on a rig without what is hidden of its own effects, which every experiment on it has."""
+    hidden = _hidden(record)
+    if hidden.isdisjoint(e.rig.effects):
+        return e
+    own = {name: values for name, values in e.rig.effects.items() if name not in hidden}
+    return replace(e, rig=replace(e.rig, effects=own), effects=own)
 
 
 def _as_seen(record: Record | OpenRecord, e: Experiment, point: Point, made: dict[tuple, Rig]) -> Experiment:
-    """As `experiment_at`, without effects that act before what drives the record."""
-    every, unseen = {**e.rig.effects, **point.effects}, unseen_by(record)
-    seen = {name: values for name, values in every.items() if name not in unseen}
-    if DRIFTING not in seen or isinstance(record, OpenRecord):
-        return experiment_at(e, Point(seen, point.changes), made)
-    # A change within the tolerance of the gain is one of the effect that a drift becomes a part of.
+    """As `experiment_at`, without what is hidden; e: without it, too.
+
+    The rig's own effects stay with the rig, so that a tolerance moves the value that they give.
+    """
+    hidden = _hidden(record)
+    seen = {name: values for name, values in point.effects.items() if name not in hidden}
     found = experiment_at(e, Point(seen, point.changes), made)
-    return replace(found, effects=steady(record, found.effects))
+    drift = {**record.experiment.rig.effects, **point.effects}.get(DRIFTING)
+    if drift is None or isinstance(record, OpenRecord):
+        return found
+    return replace(found, effects=steady(record, {**found.effects, DRIFTING: drift}))
 
 
 @dataclass(frozen=True)
@@ -96,20 +115,20 @@ class Predictor:
     known: dict[int, np.ndarray] = field(default_factory=dict, compare=False)
     near: Point = NOMINAL
 
-    @property
+    @cached_property
     def kind(self) -> tuple:
         """Key of the records that may share prepared lanes."""
         e = self.record.experiment
         kind = controller_kind(e.gains, 1 / e.rig.control_rate)
-        of_rig = e.rig.mass, e.rig.control_rate, e.rig.amplifier_time_constant
+        # Records of one campaign differ in what stands in for their controller, and in how their force law is bent.
+        of_rig = tuple(repr(getattr(e.rig, f.name)) for f in fields(e.rig))
         repeats = self.replay is None  # else dithered lanes have several noises
         return kind, e.speed_rpm, *of_rig, unseen_by(self.record), substeps_of(self.record), repeats
 
     @property
     def middle(self) -> float:
         """Middle of what is compared, s after the begin, where a drift counts by its mean; else 0."""
-        r = self.record
-        return 0.0 if isinstance(r, OpenRecord) else r.start + 0.5 * r.count / r.experiment.fundamental
+        return 0.0 if isinstance(self.record, OpenRecord) else middle(self.record)
 
     @property
     def schedule(self) -> tuple:

@@ -13,9 +13,11 @@ lag leaves more than noise between command and current, for which no name but an
 """
 
 from collections.abc import Mapping
+from math import expm1, log1p
 
 import numpy as np
 
+from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
@@ -41,24 +43,36 @@ def tolerance_forms(rig: Rig, law_is_sure: bool = True, lag_is_sure: bool = True
         return {}
     found = {}
     if not lag_is_sure and rig.amplifier_time_constant and rig.tolerance.get(LAG) != 0.0:
-        second = {"time_constant": SECOND_POLE * rig.amplifier_time_constant}
-        found[LAG] = NOMINAL, Point({"amplifier_lag": second}, {LAG: -SECOND_POLE})
+        own = rig.effects.get("amplifier_lag", {})
+        second = own.get("time_constant", 0.0) + SECOND_POLE * rig.amplifier_time_constant
+        found[LAG] = NOMINAL, Point({"amplifier_lag": {**own, "time_constant": second}}, {LAG: -SECOND_POLE})
     if sigma := rig.tolerance.get(GAIN, 0.0):
-        found[GAIN] = Point({}, {GAIN: sigma}), Point({GAIN: {"change": sigma, "force_share": 1.0}}, {})
+        found[GAIN] = _scaled_or(GAIN, "force_share", rig, sigma)
     law, sigma = force_law(axis_rig(rig, 0)), rig.tolerance.get(STIFFNESS, 0.0)
     if not sigma:
         return found
     if not isinstance(law, SingleSidedLaw):
-        found[STIFFNESS] = (
-            Point({}, {STIFFNESS: sigma}),
-            Point({STIFFNESS: {"change": sigma, "distance_share": 1.0}}, {}),
-        )
+        found[STIFFNESS] = _scaled_or(STIFFNESS, "distance_share", rig, sigma)
     elif law_is_sure:
-        stiffness = linearise(law)[1]
-        steeper = linearise(reshaped(law, 1.0, 0.0))[1] - stiffness  # for an exponent that is larger by one
-        bent = {"exponent": sigma * stiffness / steeper, "offset": 0.0}
+        exponent, offset = (effect_value(rig.effects, "force_law", name) for name in ("exponent", "offset"))
+        stiffness, other = (linearise(reshaped(law, exponent + more, offset))[1] for more in (0.0, 1.0))
+        steeper = other - stiffness  # for an exponent that is larger by one
+        bent = {"exponent": exponent + sigma * stiffness / steeper, "offset": offset}
         found[STIFFNESS] = Point({}, {STIFFNESS: sigma}), Point({"force_law": bent}, {})
     return found
+
+
+def _scaled_or(name: str, form: str, rig: Rig, sigma: float) -> tuple[Point, Point]:
+    """A gain or stiffness that is off by one standard deviation of its tolerance, in the form that the rig has, and in
+    the one that is further from that.
+
+    The rig may be off already by an effect of its own, of which `form` is the share in the other form. The tolerance
+    is about that value, on the side on which the share of both together stays in its range.
+    """
+    own, share = (effect_value(rig.effects, name, key) for key in ("change", form))
+    before, more = log1p(own), log1p(sigma if own >= 0 else -sigma)
+    together = (share * before + (more if share < 0.5 else 0.0)) / (before + more)
+    return Point({}, {name: expm1(more)}), Point({name: {"change": expm1(before + more), form: together}}, {})
 
 
 def form_nuisances(rig: Rig, predictor: Predictor, law_is_sure: bool, lag_is_sure: bool) -> Mapping[str, np.ndarray]:

@@ -29,6 +29,11 @@ def trend(record: Record, effects: Effects) -> float:
     return float(np.polyfit(at, _gains(at, effects), 1)[0])
 
 
+def middle(record: Record) -> float:
+    """Middle of the periods that are kept, s after the recording's begin."""
+    return record.start + 0.5 * record.count / record.experiment.fundamental
+
+
 def _mean(record: Record, effects: Effects) -> float:
     """Mean relative change of the gain over the periods that are kept."""
     return float(_gains(_times(record), effects).mean())

@@ -185,8 +185,9 @@ def loud_bands(record: Record, opened: Opened, drifting: bool = False) -> list[t
     Returns:
         (f_lo, f_hi, chi-square beyond its expectation) of each band, Hz.
     """
-    own, shapes = _spread(record, opened, 1 if record.dropped == 0 and record.count > 3 else 0, drifting)
-    freedom, stated = 2 * (record.count - 1 - drifting), stated_noise(record, opened)
+    first = 1 if record.dropped == 0 and record.count > 3 else 0
+    own, shapes = _spread(record, opened, first, drifting)
+    told, stated = record.count - first - 1 - drifting, stated_noise(record, opened)  # told: complex freedom of a line
     noise = record.nominal.noise
     thirds, found = np.floor(3 * np.log2(record.frequency)).astype(int), []
     e = record.experiment
@@ -194,17 +195,15 @@ def loud_bands(record: Record, opened: Opened, drifting: bool = False) -> list[t
     for tone in record.tones:
         apart &= abs(record.frequency - tone.frequency) > BESIDE * e.fundamental
     for (j, name), axis in product(enumerate(opened.outputs), range(record.axes)):
-        _, shape = _pooled(own[j, axis], np.array([s[axis] for s in shapes[name]]), record.count - 1)
+        _, shape = _pooled(own[j, axis], np.array([s[axis] for s in shapes[name]]), told)
         if name == "amplifier" and noise.current:  # external forces shake the rotor, but nothing drives the current
             shape = np.minimum(shape, LOUDEST**2 * stated[j, axis])
         ratio = own[j, axis] / shape
         for third in np.unique(thirds[apart]):
             r = ratio[(thirds == third) & apart]
-            chi2 = freedom * r.sum()
-            if r.mean() > LOUD and stats.chi2.sf(chi2, freedom * r.size) < FALSE_ALARM:
-                found.append(
-                    (float(2.0 ** (third / 3)), float(2.0 ** ((third + 1) / 3)), float(chi2 - freedom * r.size))
-                )
+            chi2, freedom = 2 * told * r.sum(), 2 * told * r.size
+            if r.mean() > LOUD and stats.chi2.sf(chi2, freedom) < FALSE_ALARM:
+                found.append((float(2.0 ** (third / 3)), float(2.0 ** ((third + 1) / 3)), float(chi2 - freedom)))
     return found
 
 

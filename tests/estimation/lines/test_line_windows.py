@@ -44,6 +44,25 @@ def test_what_a_smooth_response_explains_is_no_noise():
     assert np.median(told.misfit) > 1e3
 
 
+@pytest.mark.parametrize("drives", [5, 6])
+def test_noise_under_as_many_drives_as_two_axes_have_keeps_directions_of_its_own(drives):
+    """Force, injection and reference along both axes: three terms of each would be all directions of a window."""
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(6)
+    found, misfits = [], []
+    for _ in range(40):
+        told = windows.noise(*(windows.spectrum(rng.normal(size=(n, SAMPLES))) for n in (1, drives)))
+        found.append(told.variance)
+        misfits.append(told.misfit)
+    assert np.isfinite(found).all() and np.mean(found) == pytest.approx(4 / SAMPLES, rel=0.03)
+    freedom = told.freedom[10]
+    assert np.mean(np.array(misfits)[:, 0, 5:-5]) == pytest.approx(freedom / (freedom - 1), rel=0.03)
+    pull = windows.spectrum(np.convolve(drive := rng.normal(size=SAMPLES), np.exp(-np.arange(40) / 8.0))[:SAMPLES])
+    others = windows.spectrum(rng.normal(size=(drives - 1, SAMPLES)))
+    heard = windows.spectrum(0.01 * rng.normal(size=SAMPLES))
+    left = windows.noise(pull + heard, np.concatenate([windows.spectrum(drive)[None], others]))
+    assert np.median(left.variance) == pytest.approx(1e-4 * 4 / SAMPLES, rel=0.2)
+
+
 def test_projection_keeps_the_variance_of_each_coordinate_and_no_quadratic():
     windows = line_windows(SAMPLES, RATE, (2.0, 400.0))
     line = np.linspace(-1, 1, WIDTH)

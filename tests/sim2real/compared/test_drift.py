@@ -16,8 +16,8 @@ from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared import drift as drift_module
-from sim2real.compared.drift import FORM, Drift, _ringing, _slope, drift_of
-from sim2real.compared.point import Point, tolerances
+from sim2real.compared.drift import FORM, Drift, _by_gain, _ringing, _slope, drift_of, with_drift
+from sim2real.compared.point import Point, experiment_at, tolerances
 from sim2real.compared.problem import assemble
 from sim2real.recorded.drifting import steady, trend
 from sim2real.recorded.records import read_records
@@ -179,3 +179,39 @@ def test_trends_of_noise_scatter_as_they_are_said_to(tmp_path, monkeypatch):
         found.append(_slope(part, NOMINAL)[2:])
     beyond, scatter = np.array(found).T
     assert beyond.std() / 2 == pytest.approx(scatter[0], rel=0.25)
+
+
+def test_the_derivative_by_the_gain_is_that_at_a_gain_within_its_tolerance(tmp_path):
+    """Against differences of the tolerance's own move, to which a drift by the same share adds."""
+    (part,) = problem(tmp_path, seeds=(0,)).parts
+    for change in (0.0, 0.009, 0.03, -0.03):
+        less, more = ((1 + change) * (1 + step) - 1 for step in (-0.002, 0.002))
+        low, high = part.predictor([Point({}, {"actuator_gain": moved}) for moved in (less, more)])
+        found, expected = _by_gain(part, Point({}, {"actuator_gain": change})), (high - low) / 0.004
+        assert abs(found - expected).max() < 0.03 * abs(expected).max(), change
+
+
+@pytest.mark.parametrize("rate", (0.1, -0.2))
+@pytest.mark.parametrize(
+    "point",
+    (NOMINAL, Point({}, {"actuator_gain": 0.02}), Point({"actuator_gain": {"change": 0.3, "force_share": 0.5}}, {})),
+)
+def test_a_drift_beside_a_fitted_gain_leaves_its_mean_and_has_the_rate_relative_to_it(tmp_path, rate, point):
+    """Over the periods of the recording, of which the gain at the begin of the drift is no part."""
+    (part,) = problem(tmp_path, seeds=(0,)).parts
+    e, r = part.record.experiment, part.record
+    found = experiment_at(e, with_drift(point, rate, [r])).effects
+    at = r.start + np.linspace(0, r.count / e.fundamental, 1001)
+    gains = (1 + found["actuator_gain"]["change"]) * (1 + found["gain_drift"]["rate"] * at)
+    fitted = 1 + experiment_at(e, point).effects.get("actuator_gain", {}).get("change", 0.0)
+    assert gains.mean() == pytest.approx(fitted, rel=1e-9)
+    assert np.polyfit(at, gains, 1)[0] / gains.mean() == pytest.approx(rate, rel=1e-9)
+
+
+@pytest.mark.parametrize("rate", (-30.0, 30.0))
+@pytest.mark.parametrize("change", (-0.1, 0.1))
+def test_a_drift_that_no_effect_can_be_is_the_steepest_that_is_one(tmp_path, rate, change):
+    (part,) = problem(tmp_path, seeds=(0,)).parts
+    for point in (Point({}, {"actuator_gain": change}), Point(effect("actuator_gain", change), {})):
+        found = with_drift(point, rate, [part.record])
+        assert abs(experiment_at(part.record.experiment, found).effects["gain_drift"]["rate"]) <= 10

@@ -198,6 +198,16 @@ def test_loud_bands_are_those_that_something_unsynchronised_drives(radial):
         assert found and all(lo < 160 and hi > 125 and chi2 > 100 for lo, hi, chi2 in found)
 
 
+@pytest.mark.parametrize("drifting", [False, True])
+def test_a_first_period_that_is_not_looked_at_has_no_freedom(radial, drifting):
+    """Of the same periods, with one before them that may hold a transient or without it."""
+    opened, band = opened_loop(radial), (radial.frequency > 130) & (radial.frequency < 155)
+    every = drawn(radial, np.random.default_rng(5), periods=5, louder=np.where(band, 4.0, 1.0))
+    rest = replace(every, dropped=1, periods={name: values[1:] for name, values in every.periods.items()})
+    found = loud_bands(replace(every, dropped=0), opened, drifting)
+    assert found and found == loud_bands(rest, opened, drifting)
+
+
 def test_a_loud_resonance_is_no_loud_band(radial):
     opened, rng = opened_loop(radial), np.random.default_rng(4)
     assert not any(loud_bands(drawn(radial, rng, force=2e-2), opened) for _ in range(5))

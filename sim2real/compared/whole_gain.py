@@ -1,0 +1,59 @@
+"""The actuator's whole gain at a point: by the rig's own effect or the point's, and by a move within a tolerance.
+
+An effect at a point replaces the rig's own one, and a move within the tolerance of the same parameter then no longer
+acts (see `experiment_at`). So a gain that is to differ a little from a point's must be written as the whole of it.
+"""
+
+from dataclasses import replace
+from math import log
+
+from maglev_env.experiment import Experiment
+from maglev_env.loop.effect import EFFECTS, effect_value
+from sim2real.compared.point import Point, experiment_at
+
+GAIN = "actuator_gain"
+BOUNDS = EFFECTS[GAIN].parameters["change"]
+
+
+def with_more_gain(e: Experiment, point: Point, share: float) -> tuple[Point, float]:
+    """The point with an actuator that makes more force of the same command, because another current pulls.
+
+    What scales the force in place of the current at the point, by the form of its gain, stays as it is. The gain is
+    made smaller where a larger one would leave the range of the effect, or the range of its form.
+
+    Args:
+        e: The experiment on the nominal rig.
+        point: The point.
+        share: Relative change of the gain, above 0.
+
+    Returns:
+        The point with that gain, and the share with the sign that it has there.
+    """
+    whole, form = _whole(e, point)
+    share = abs(share) if whole * (1 + share) - 1 <= BOUNDS.high and not (form and whole < 1) else -abs(share)
+    if whole * (1 + share) - 1 < BOUNDS.low:
+        share = -share
+    return times_gain(e, point, 1 + share), share
+
+
+def times_gain(e: Experiment, point: Point, factor: float) -> Point:
+    """The point with a current that pulls larger by a factor; its gain stays in the range of the effect.
+
+    Args:
+        e: The experiment on the nominal rig.
+        point: The point.
+        factor: Above 0.
+    """
+    whole, form = _whole(e, point)
+    there = min(max(whole * factor, 1 + BOUNDS.low), 1 + BOUNDS.high)
+    more = {"change": there - 1}
+    if form:
+        more["force_share"] = min(max(form * log(whole) / log(there), 0.0), 1.0) if there != 1 else form
+    return replace(point, effects={**point.effects, GAIN: more})
+
+
+def _whole(e: Experiment, point: Point) -> tuple[float, float]:
+    """The whole gain at a point, in units of that of the magnets, and its form."""
+    gain_alone = Point(*({k: v for k, v in of.items() if k == GAIN} for of in (point.effects, point.changes)))
+    here = experiment_at(e, gain_alone).effects
+    return 1 + effect_value(here, GAIN), effect_value(here, GAIN, "force_share")
