@@ -118,9 +118,13 @@ def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
     """Names and reader of a MATLAB v5 file."""
     variables = open_variables(path)
 
+    size = 0
+
     @cache  # a dSPACE struct holds every channel, so it is parsed once
     def variable(root: str) -> Any:
-        bounded(variables.size(root), "unpacked")
+        nonlocal size  # of all that stay in memory
+        bounded(size + variables.size(root), "unpacked")
+        size += variables.size(root)
         return variables.read(root)
 
     return tuple(variables.elements), lambda root, steps: follow(variable(root), steps)
@@ -132,7 +136,8 @@ def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
 
     def read(root: str, steps: Steps) -> Any:
         with h5py.File(path, "r") as file:
-            return follow(file, [root, *steps], lambda node: _open_hdf5(file, node, matlab))
+            above: set[int] = set()
+            return follow(file, [root, *steps], lambda node: _open_hdf5(file, node, matlab, above))
 
     with h5py.File(path, "r") as file:
         return tuple(name for name in file if not name.startswith("#")), read
@@ -207,8 +212,11 @@ def _one_line(text: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
-def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
-    """One level; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed."""
+def _open_hdf5(file: Any, node: Any, matlab: bool, above: set[int]) -> Any:
+    """One level; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed.
+
+    The addresses of the groups on the way down gather in `above`: a group that holds one of them would never end.
+    """
     import h5py
 
     if isinstance(node, h5py.Reference):
@@ -216,6 +224,8 @@ def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
     if isinstance(node, h5py.Group):
         # Only hard links, because soft and external ones could lead out of the file.
         members = {n: node[n] for n in node if isinstance(node.get(n, getlink=True), h5py.HardLink)}
+        above.add(h5py.h5o.get_info(node.id).addr)
+        members = {n: m for n, m in members.items() if h5py.h5o.get_info(m.id).addr not in above}
         if matlab and members and all(_holds_references(m) and "MATLAB_class" not in m.attrs for m in members.values()):
             bounded(sum(m.nbytes for m in members.values()), node.name)
             fields = {name: m[()].ravel() for name, m in members.items()}

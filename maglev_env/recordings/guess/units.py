@@ -39,6 +39,7 @@ _UNITS = {
 _FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", "ms")}
 _FOLDED |= {"ma": "mA", "mv": "mV", "ms": "ms", "mn": "mN"}
 _SINGLE = {"m": ("displacement", "reference", "gap_estimate"), "s": ("time",)}
+_LONGEST = 200  # characters of a header that may hold a unit: the search takes the square of them
 _WORD = 3  # letters from which a name is a word
 _BRACKETS = re.compile(r"^(.*?)[\s_,]*[\[(<{]\s*(?:in\s+)?([^\])>}]+?)\s*[\])>}]\s*$")
 _BEHIND = re.compile(r"^(.*\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+(?:/[^\s/]+)?)$")
@@ -64,6 +65,8 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
         The name, and the unit in brackets, behind a slash, "in" or a comma, or as the last word; None without one.
     """
     header = header.strip()
+    if len(header) > _LONGEST:
+        return header, None
     if len(header) > 1 and header in _UNITS:  # a column that is called by its unit alone
         return header, known_unit(header)
     for pattern in (_BRACKETS, _RATIO_BEHIND, _BEHIND):
