@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from maglev_env.recordings.formats.cf_packing import is_packed, unpacked
 from maglev_env.recordings.formats.matlab5 import open_variables
 from maglev_lanes.price import MOST_BYTES
 
@@ -22,6 +23,7 @@ MAX_SAMPLES = 1 << 26  # of a column: 56 minutes at 20 kHz
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
 _MOST_TEXT = 4096  # characters of a text that are read
 _MOST_NAME = 80  # characters of what an attribute calls a column
+_MOST_NAMED = 12  # columns in one sentence
 _LISTED = ("channel_names", "channels", "column_names", "columns", "names", "labels", "signals", "fields")
 _CALLED = ("long_name", "name", "label", "description", "title")  # attributes that say what a column is called
 
@@ -143,18 +145,19 @@ def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
         return tuple(name for name in file if not name.startswith("#")), read
 
 
-def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
+def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float], tuple[str, ...]]:
     """What the attributes of an HDF5 or netCDF file say.
 
     Returns:
         What it calls its columns, where an attribute names them or states their unit: the name with what the attribute
-        calls it, and the unit in brackets; and single numbers by their names below the groups and columns that they
-        belong to.
+        calls it, and the unit in brackets; single numbers by their names below the groups and columns that they
+        belong to; and which columns are unpacked, in words.
     """
     import h5py
 
     found: dict[str, str] = {}
     numbers: dict[str, float] = {}
+    packed: list[str] = []
 
     def note(name: str, node: Any) -> None:
         for key, value in node.attrs.items():
@@ -162,6 +165,8 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
                 numbers[_one_line(".".join(filter(None, [name.replace("/", "."), key])))] = float(np.ravel(value)[0])
         if not isinstance(node, h5py.Dataset):
             return
+        if is_packed(node.attrs):
+            packed.append(_one_line(name.replace("/", ".")))
         if names := _texts_of(node, _LISTED):  # of a matrix, one for each column
             units = _texts_of(node, ("units", "unit"))
             units = units if len(units) == len(names) else [""] * len(names)
@@ -177,7 +182,8 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
     with h5py.File(path, "r") as file:
         note("", file)
         file.visititems(note)
-    return found, numbers
+    columns = f"{', '.join(packed[:_MOST_NAMED])}{' and others' * (len(packed) > _MOST_NAMED)}"
+    return found, numbers, (f"unpacked by the scale_factor and add_offset beside them: {columns}",) if packed else ()
 
 
 def _texts_of(node: Any, keys: Sequence[str]) -> list[str]:
@@ -243,7 +249,7 @@ def _open_hdf5(file: Any, node: Any, matlab: bool, above: set[int]) -> Any:
     if node.attrs.get("MATLAB_empty", 0):
         return np.empty(0)
     values = np.asarray(node[()])
-    return values.T if matlab else values
+    return values.T if matlab else unpacked(values, node.attrs)
 
 
 def _holds_references(node: Any) -> bool:
