@@ -25,6 +25,7 @@ from maglev_env.redundancy.design import dead_lines, designed
 from maglev_env.redundancy.explained import explained, or_effect
 from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
+from maglev_env.redundancy.own_clocks import other_clocks
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.units import unscaled
@@ -93,7 +94,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
                 "contradiction" if a.severity == "refuse" else "quality")
         for a in alarms_of(dataset)
     ]  # fmt: skip
-    alarms += unscaled(campaign, spec)
+    alarms += [*unscaled(campaign, spec), *other_clocks(campaign, spec)]
     if not any(name.startswith("displacement") for name in spec.channels):
         return alarms
     signals = recorded_signals(campaign, spec, _at_ticks(spec, dataset), excited=False)
