@@ -28,6 +28,7 @@ from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.own_clocks import other_clocks
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.single_samples import single_samples
 from maglev_env.redundancy.units import unscaled
 from maglev_env.redundancy.view import View
 from maglev_env.rig.rig import axis_rig, with_parameters
@@ -57,6 +58,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "AC coupling": coupled,
     "balance": balance,
     "spikes": outliers,
+    "single samples": single_samples,
     "drift": drifts,
     "sensitivity": sensitivity,
     "rail": rails,
