@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from maglev_env.recordings.files import Columns
-from maglev_env.recordings.formats.file_formats import columns_of, fields_of
+from maglev_env.recordings.formats.file_formats import Refused, bounded, columns_of, fields_of
 from maglev_env.recordings.masking import bridged
 from maglev_env.recordings.missing_readings import garbled_stamps
 
 _FIELD = re.compile(r"[A-Za-z_]\w*")  # what a column expression can name
 _MOST_PARTS, _MOST_COLUMNS = 200, 64  # of one struct or cell array, of one matrix
 _DEEPEST = 8
+_MOST_READ = 10_000  # parts of a file, each by each of its paths
 _LEAST = 8  # samples of a column
 _COMPONENT = re.compile(r"\.?[A-Za-z_]\w*|\[\d+\]")  # of an expression: a name with its dot, or an index
 _OF_ONE_RUN = (
@@ -49,6 +50,15 @@ class Contents:
     bridged: np.ndarray | None = None
 
 
+@dataclass
+class _Taken:
+    """What was read of a file so far: how many parts, of how many bytes, and what was left out and why."""
+
+    parts: int = 0
+    size: int = 0
+    unused: list[str] = field(default_factory=list)
+
+
 def contents(columns: Columns) -> Contents:
     """Everything in an open file.
 
@@ -59,7 +69,7 @@ def contents(columns: Columns) -> Contents:
         Columns of the most common length, single numbers, texts.
 
     Raises:
-        ValueError: the file holds no column of at least 8 numbers, or is damaged.
+        ValueError: the file holds no column of at least 8 numbers, too many numbers, or is damaged.
     """
     found, numbers, texts, unused = _everything(columns)
     lengths = [values.size for values in found.values() if values.size >= _LEAST]
@@ -126,16 +136,16 @@ def _everything(
     found: dict[str, np.ndarray] = {}
     numbers: dict[str, float] = dict(columns.numbers)
     texts: dict[str, str] = {}
-    unused: list[str] = []
+    taken = _Taken()
     for name in columns.names:
-        for expression, value in _below(columns, name, 0, unused):
+        for expression, value in _below(columns, name, 0, taken):
             if isinstance(value, str):
                 texts[expression] = value
             elif value.size == 1:
                 numbers[expression] = float(value[0])
             else:
                 found[expression] = value
-    return found, numbers, texts, unused
+    return found, numbers, texts, taken.unused
 
 
 def _of_length(
@@ -162,13 +172,20 @@ def _rises(values: np.ndarray) -> bool:
     return bool(steps.size and (steps > 0).mean() > 1 - _MOST_GARBLED)
 
 
-def _below(columns: Columns, expression: str, depth: int, unused: list[str]) -> Iterator[tuple[str, np.ndarray | str]]:
+def _below(columns: Columns, expression: str, depth: int, taken: _Taken) -> Iterator[tuple[str, np.ndarray | str]]:
     """Columns, numbers and texts at and below an expression; what cannot be read goes to `unused`."""
+    taken.parts += 1
+    if taken.parts > _MOST_READ:
+        if taken.parts == _MOST_READ + 1:
+            taken.unused.append(f"it has more than {_MOST_READ} parts: {expression} and all others are not read")
+        return
     try:
         value = columns.value(expression)
     except ValueError as error:  # a text among the numbers of a column, a link that leads out of the file
-        unused.append(str(error).removeprefix(f"{columns.path}: "))
+        taken.unused.append(str(error).removeprefix(f"{columns.path}: "))
         return
+    if isinstance(value, np.ndarray):
+        _count(columns, value, taken)
     if isinstance(value, np.ndarray) and value.dtype.names:
         value = fields_of(value)
     if isinstance(value, str):
@@ -180,7 +197,16 @@ def _below(columns: Columns, expression: str, depth: int, unused: list[str]) -> 
         yield from _vectors(expression, value)
     elif depth < _DEEPEST:
         for part in _parts(expression, value):
-            yield from _below(columns, part, depth + 1, unused)
+            yield from _below(columns, part, depth + 1, taken)
+
+
+def _count(columns: Columns, value: np.ndarray, taken: _Taken) -> None:
+    """Count the bytes of a value that was read; ValueError where all together are beyond the limit of a file."""
+    taken.size += max(value.nbytes, 8 * value.size)
+    try:
+        bounded(taken.size, "the file, unpacked,")
+    except Refused as problem:
+        raise ValueError(f"{columns.path}: {problem}") from None
 
 
 def _parts(expression: str, value: Any) -> list[str]:

@@ -126,8 +126,8 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
         formats.bounded(size, "the file")
         if hdf5:
             matlab = kind == ".mat"
-            headers, numbers = ({}, {}) if matlab else formats.hdf5_attributes(path)
-            return Columns(path, *formats.open_hdf5(path, matlab=matlab), headers=headers, numbers=numbers)
+            headers, numbers, notes = ({}, {}, ()) if matlab else formats.hdf5_attributes(path)
+            return Columns(path, *formats.open_hdf5(path, matlab=matlab), (), notes, headers, numbers)
         if kind in TEXT:
             text = open_text(path, layout or TextLayout())
             return Columns(path, text.names, text.read, text.positions, text.notes, text.headers, text.numbers)

@@ -15,6 +15,7 @@ MOST_MASKED = 0.01
 # its top level, but at most 2.4 times as long as at the next one, and 1.4 times as long as at the next two, which tell
 # where a few samples of a flat peak pass one level by chance.
 CLIPPED_SHARE, CLIPPED_RUN, CLIPPED_RATIOS = 1e-3, 4, (6, 2)
+SEVERAL, AS_LONG = 2, 0.5  # levels inside that are held too; the longest run at the extreme, as a share of theirs
 LEAST_PERIODS = 4  # that must remain for masked periods to be left out: noise from fewer is poorly known
 
 
@@ -39,9 +40,31 @@ def clipped_samples(values: np.ndarray) -> np.ndarray:
                 kept = rest[rest != nearest(rest)]
                 beside, rest = beside + rest.size - kept.size, kept
                 passed &= at.sum() >= ratio * beside
-        if passed:
+        if passed and not _one_of_several(values, at):
             clipped |= at
     return clipped
+
+
+def _one_of_several(values: np.ndarray, at: np.ndarray) -> bool:
+    """Whether two or more levels within a column (samples,) are held as flatly and as long as the extreme, `at`.
+
+    A coarse converter shows the steps of a set point so. One level alone may be the rest beside a burst that is cut
+    off, and one that overshoots is cut off for a short while only.
+    """
+    levels, counts = np.unique(values, return_counts=True)
+    beside = np.pad(counts, 2)
+    near = beside[1:-3] + beside[3:-1]
+    flat = (counts >= CLIPPED_RATIOS[0] * near) & (counts >= CLIPPED_RATIOS[1] * (near + beside[:-4] + beside[4:]))
+    flat &= counts >= CLIPPED_SHARE * values.size
+    held = [_longest(values == level) for level in levels[1:-1][flat[1:-1]]]
+    held = [run for run in held if run >= CLIPPED_RUN]
+    return len(held) >= SEVERAL and bool(_longest(at) >= AS_LONG * np.median(held))
+
+
+def _longest(at: np.ndarray) -> int:
+    """The longest run of True, samples."""
+    edges = np.flatnonzero(np.diff(np.pad(at, 1).astype(np.int8)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def bridged(values: np.ndarray, masked: np.ndarray) -> np.ndarray:

@@ -93,8 +93,10 @@ def read_recording(
     for name, values in combined.items():
         if name.partition("_")[0] not in MEASURED or not np.ptp(values):
             continue
+        wanted = combined.get(name.replace("displacement", "reference")) if name.startswith("displacement") else None
         for column in spec.channels[name].columns:  # a mean of several probes would hide the clipping of one
-            alarm, at = touched_rail(name, column, raw[column][window], values, rate, spec.start, one_axis, periodic)
+            read = raw[column][window]
+            alarm, at = touched_rail(name, column, read, values, rate, spec.start, one_axis, periodic, wanted)
             if alarm:
                 alarms.append(alarm)
                 # A command at a limit is what acted; a reading there hides what was.

@@ -25,8 +25,10 @@ from maglev_env.redundancy.design import dead_lines, designed
 from maglev_env.redundancy.explained import explained, or_effect
 from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
+from maglev_env.redundancy.own_clocks import other_clocks
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.rows import Row
+from maglev_env.redundancy.single_samples import single_samples
 from maglev_env.redundancy.units import unscaled
 from maglev_env.redundancy.view import View
 from maglev_env.rig.rig import axis_rig, with_parameters
@@ -56,6 +58,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "AC coupling": coupled,
     "balance": balance,
     "spikes": outliers,
+    "single samples": single_samples,
     "drift": drifts,
     "sensitivity": sensitivity,
     "rail": rails,
@@ -93,7 +96,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
                 "contradiction" if a.severity == "refuse" else "quality")
         for a in alarms_of(dataset)
     ]  # fmt: skip
-    alarms += unscaled(campaign, spec)
+    alarms += [*unscaled(campaign, spec), *other_clocks(campaign, spec)]
     if not any(name.startswith("displacement") for name in spec.channels):
         return alarms
     signals = recorded_signals(campaign, spec, _at_ticks(spec, dataset), excited=False)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from maglev_env.recordings.alarms.alarm import Alarm
 from maglev_env.recordings.alarms.lost_levitation import lost_levitation
 from maglev_env.recordings.alarms.repeated import repeated_samples
+from maglev_env.recordings.alarms.stored_again import blocks_stored_again
 from maglev_env.recordings.alarms.stuck import stuck_readings
 from maglev_env.rig.rig import Rig
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def find_alarms(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = None) -> tuple[Alarm, ...]:
-    """Lost levitation, stuck readings and repeated samples of a recording.
+    """Lost levitation, stuck readings, and repeated samples and stretches of a recording.
 
     Args:
         dataset: As `read_recording` makes it; where it was resampled with a coordinate `row` over time, the row of
@@ -28,4 +29,4 @@ def find_alarms(dataset: "xr.Dataset", start: int = 0, rig: Rig | None = None) -
     found = lost_levitation(dataset, start, rig)
     lost = {a.channel for a in found}
     stuck = [a for a in stuck_readings(dataset, start) if a.channel not in lost]
-    return (*found, *stuck, *repeated_samples(dataset, start))
+    return (*found, *stuck, *repeated_samples(dataset, start), *blocks_stored_again(dataset, start))

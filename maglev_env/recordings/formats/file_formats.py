@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from maglev_env.recordings.formats.cf_packing import is_packed, unpacked
 from maglev_env.recordings.formats.matlab5 import open_variables
 from maglev_lanes.price import MOST_BYTES
 
@@ -22,6 +23,7 @@ MAX_SAMPLES = 1 << 26  # of a column: 56 minutes at 20 kHz
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d{1,9})\]")
 _MOST_TEXT = 4096  # characters of a text that are read
 _MOST_NAME = 80  # characters of what an attribute calls a column
+_MOST_NAMED = 12  # columns in one sentence
 _LISTED = ("channel_names", "channels", "column_names", "columns", "names", "labels", "signals", "fields")
 _CALLED = ("long_name", "name", "label", "description", "title")  # attributes that say what a column is called
 
@@ -118,9 +120,13 @@ def open_mat5(path: Path) -> tuple[tuple[str, ...], Reader]:
     """Names and reader of a MATLAB v5 file."""
     variables = open_variables(path)
 
+    size = 0
+
     @cache  # a dSPACE struct holds every channel, so it is parsed once
     def variable(root: str) -> Any:
-        bounded(variables.size(root), "unpacked")
+        nonlocal size  # of all that stay in memory
+        bounded(size + variables.size(root), "unpacked")
+        size += variables.size(root)
         return variables.read(root)
 
     return tuple(variables.elements), lambda root, steps: follow(variable(root), steps)
@@ -132,24 +138,26 @@ def open_hdf5(path: Path, matlab: bool) -> tuple[tuple[str, ...], Reader]:
 
     def read(root: str, steps: Steps) -> Any:
         with h5py.File(path, "r") as file:
-            return follow(file, [root, *steps], lambda node: _open_hdf5(file, node, matlab))
+            above: set[int] = set()
+            return follow(file, [root, *steps], lambda node: _open_hdf5(file, node, matlab, above))
 
     with h5py.File(path, "r") as file:
         return tuple(name for name in file if not name.startswith("#")), read
 
 
-def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
+def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float], tuple[str, ...]]:
     """What the attributes of an HDF5 or netCDF file say.
 
     Returns:
         What it calls its columns, where an attribute names them or states their unit: the name with what the attribute
-        calls it, and the unit in brackets; and single numbers by their names below the groups and columns that they
-        belong to.
+        calls it, and the unit in brackets; single numbers by their names below the groups and columns that they
+        belong to; and which columns are unpacked, in words.
     """
     import h5py
 
     found: dict[str, str] = {}
     numbers: dict[str, float] = {}
+    packed: list[str] = []
 
     def note(name: str, node: Any) -> None:
         for key, value in node.attrs.items():
@@ -157,6 +165,8 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
                 numbers[_one_line(".".join(filter(None, [name.replace("/", "."), key])))] = float(np.ravel(value)[0])
         if not isinstance(node, h5py.Dataset):
             return
+        if is_packed(node.attrs):
+            packed.append(_one_line(name.replace("/", ".")))
         if names := _texts_of(node, _LISTED):  # of a matrix, one for each column
             units = _texts_of(node, ("units", "unit"))
             units = units if len(units) == len(names) else [""] * len(names)
@@ -172,7 +182,8 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float]]:
     with h5py.File(path, "r") as file:
         note("", file)
         file.visititems(note)
-    return found, numbers
+    columns = f"{', '.join(packed[:_MOST_NAMED])}{' and others' * (len(packed) > _MOST_NAMED)}"
+    return found, numbers, (f"unpacked by the scale_factor and add_offset beside them: {columns}",) if packed else ()
 
 
 def _texts_of(node: Any, keys: Sequence[str]) -> list[str]:
@@ -207,8 +218,11 @@ def _one_line(text: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
-def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
-    """One level; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed."""
+def _open_hdf5(file: Any, node: Any, matlab: bool, above: set[int]) -> Any:
+    """One level; MATLAB v7.3 keeps cells and struct arrays as object references, matrices transposed.
+
+    The addresses of the groups on the way down gather in `above`: a group that holds one of them would never end.
+    """
     import h5py
 
     if isinstance(node, h5py.Reference):
@@ -216,6 +230,8 @@ def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
     if isinstance(node, h5py.Group):
         # Only hard links, because soft and external ones could lead out of the file.
         members = {n: node[n] for n in node if isinstance(node.get(n, getlink=True), h5py.HardLink)}
+        above.add(h5py.h5o.get_info(node.id).addr)
+        members = {n: m for n, m in members.items() if h5py.h5o.get_info(m.id).addr not in above}
         if matlab and members and all(_holds_references(m) and "MATLAB_class" not in m.attrs for m in members.values()):
             bounded(sum(m.nbytes for m in members.values()), node.name)
             fields = {name: m[()].ravel() for name, m in members.items()}
@@ -233,7 +249,7 @@ def _open_hdf5(file: Any, node: Any, matlab: bool) -> Any:
     if node.attrs.get("MATLAB_empty", 0):
         return np.empty(0)
     values = np.asarray(node[()])
-    return values.T if matlab else values
+    return values.T if matlab else unpacked(values, node.attrs)
 
 
 def _holds_references(node: Any) -> bool:

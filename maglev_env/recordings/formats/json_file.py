@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.recordings.formats.file_formats import Reader, Refused, bounded, follow
-from maglev_env.recordings.formats.json_lines import open_json_lines, open_objects
+from maglev_env.recordings.formats.json_lines import MOST_NAMES, open_json_lines, open_objects
 
 _EACH = 16  # bytes of memory for each one of a text: a list of numbers takes that much more
 _DEEPEST = 8
@@ -40,7 +40,8 @@ def _leaves(value: dict[str, Any], above: str, depth: int) -> Iterator[tuple[str
     for key, inner in value.items():
         own = _columns(inner) if isinstance(inner, dict) else inner
         if _objects(own):
-            own = {name: [row.get(name) for row in own] for name in dict.fromkeys(k for row in own for k in row)}
+            names = list(dict.fromkeys(k for row in own for k in row))[:MOST_NAMES]
+            own = {name: [row.get(name) for row in own] for name in names}
         if isinstance(own, dict) and depth < _DEEPEST:
             yield from _leaves(own, f"{above}{key}.", depth + 1)
         else:

@@ -12,7 +12,7 @@ from maglev_env.recordings.formats.stamps import time_of_day
 from maglev_env.recordings.formats.text_files import past_midnight
 from maglev_env.recordings.formats.unread_cells import UnreadCells
 
-_MOST_NAMES, _LONGEST = 200, 65536  # columns, and characters of a line
+MOST_NAMES, _LONGEST = 200, 65536  # columns, and characters of a line
 
 
 def open_json_lines(path: Path) -> tuple[tuple[str, ...], Reader, tuple[str, ...]]:
@@ -51,7 +51,7 @@ def open_objects(samples: list[tuple[int, Any]]) -> tuple[tuple[str, ...], Reade
         if not isinstance(value, dict):
             unread.lines.append(f"line {number} (sample {len(rows)}) holds no object of JSON")
         rows.append(dict(_flat(value)) if isinstance(value, dict) else {})
-    names = list(dict.fromkeys(name for row in rows for name in row))[:_MOST_NAMES]
+    names = list(dict.fromkeys(name for row in rows for name in row))[:MOST_NAMES]
     if not names:
         raise Refused("none of its lines is an object of JSON with values in it")
     clocks: set[int] = set()

@@ -8,6 +8,7 @@ _CELL = re.compile(r"\s*([A-Za-z_][^:=,;\t]*?)\s*[:=]\s*([+-]?\.?\d[^\s:=]*)\s*"
 _STAMP = re.compile(r"\s*(\d{1,2}:[0-5]\d:[0-5]\d(?:[.,]\d+)?)\s*->\s*(.*)", re.DOTALL)  # "14:55:33.123 -> gap:8.001"
 _TIME = "time"  # what the stamp of a serial monitor is called
 _SEPARATORS = "\t", ";", ",", " "
+_LONGEST = 200  # characters of a cell; the search takes the square of them
 _MOST = 0.5  # share of the last lines that are of this form, beside what else a program printed
 
 
@@ -47,5 +48,8 @@ def _pairs(line: str, separator: str) -> list[tuple[str, str]]:
     if stamp := _STAMP.fullmatch(line):
         rest = _pairs(stamp[2], separator)
         return [(_TIME, stamp[1]), *rest] if rest else []
-    found = [_CELL.fullmatch(cell) for cell in line.strip().rstrip(separator).split(separator)]
+    cells = line.strip().rstrip(separator).split(separator)
+    if any(len(cell) > _LONGEST for cell in cells):
+        return []
+    found = [_CELL.fullmatch(cell) for cell in cells]
     return [(cell[1], cell[2]) for cell in found if cell] if all(found) else []

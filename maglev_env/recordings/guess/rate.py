@@ -31,6 +31,8 @@ STATED_RATE = "--rate"  # among the numbers of a file, the rate that the user st
 _AS_STATED = 0.01  # relative deviation of a stated step from that of the column
 _FEW_GAPS = 0.05  # share of steps that may be several, where samples are missing
 _SLOWEST = 40.0  # Hz of control with which anything levitates
+_FASTEST = 2e5  # Hz at which a levitated rotor is recorded
+_DAYS = ((20_000, 80_000), (700_000, 800_000))  # of this century and the last, as spreadsheets and MATLAB count them
 
 
 def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, float], label: str = "time") -> Guess:
@@ -124,6 +126,9 @@ def time_scale(time: np.ndarray, numbers: Mapping[str, float]) -> tuple[float, s
                 return scale, f"no unit, taken as {scale:g} s: {stated[1]}", ""
         if middle == 1:
             return stated[0], f"counts samples: {stated[1]}", ""
+    days = any(first <= time[0] <= last for first, last in _DAYS) and 0 < middle < 1 / _FASTEST
+    if days:
+        return 86400.0, f"no unit, days by their size, since {1 / middle:.3g} Hz are too many", "unit of time"
     if middle == 1 or not 1 < middle * _SLOWEST < 1e9 * _SLOWEST:
         return 1.0, "no unit, taken as s", ""
     scale, name = next(((s, n) for s, n in ((1e-3, "ms"), (1e-6, "µs")) if middle * s * _SLOWEST <= 1), (1e-9, "ns"))

@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from maglev_env.recordings.guess.words import meaning
+from maglev_env.recordings.guess.words import COUNTS, meaning
 from maglev_env.units import STANDARD_GRAVITY
 
 
@@ -29,6 +29,10 @@ _PREFIXES = {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9, "
 _UNITS = {
     **{f"{p}{si}": (si, factor) for si in ("m", "A", "V", "N", "s") for p, factor in _PREFIXES.items()},
     **{"sec": ("s", 1.0), "micron": ("m", 1e-6), "microns": ("m", 1e-6), "cm": ("m", 1e-2), "mils": ("m", 25.4e-6)},
+    **{f"{p}sec": ("s", factor) for p, factor in (("m", 1e-3), ("u", 1e-6), ("µ", 1e-6), ("n", 1e-9))},
+    **{f"{p}seconds": ("s", factor) for p, factor in (("", 1.0), ("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9))},
+    **{"mil": ("m", 25.4e-6), "thou": ("m", 25.4e-6), "inch": ("m", 25.4e-3)},
+    **{"daN": ("N", 10.0), "kgf": ("N", STANDARD_GRAVITY), "lbf": ("N", 0.45359237 * STANDARD_GRAVITY)},
     **{"rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30), "1/min": ("rad/s", math.pi / 30)},
     **{"m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "mm/s2": ("m/s2", 1e-3), "mm/s^2": ("m/s2", 1e-3)},
     **{text: ("m/s2", 1.0) for text in ("m/s2", "m/s^2", "m/s**2", "m/s/s", "m s-2", "m s^-2")},
@@ -60,6 +64,12 @@ _RATIO_BEHIND = re.compile(r"^(.*?\S)\s*(?:\s/\s*|/|\s+in\s+|,\s*)([^\s/]+/[^\s/
 _RATIO_LAST = re.compile(r"^(.+?)[\s_]+([^\s/_]+/[^\s/_]+)$")  # "Drehzahl U/min"
 _RATIO = re.compile(r"^(.+?)[_\s]([a-zµμ]+_s2?)$")  # a name that a program made of m/s2
 _LAST = re.compile(r"^(.+?)[_\s]([A-Za-zµμ]{1,7})$")
+_WITHIN = re.compile(r"^(.+?)_([A-Za-zµμ]{2,7})_([A-Za-z]\w*)$")  # "gap_um_filtered"
+_LONGEST = 200  # characters of a header that may hold a unit: the search takes the square of them
+# Of times alone: elsewhere a minimum, or an index.
+_OF_TIMES = {"min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0, "d": 86400.0, "days": 86400.0}
+_UNLIKE = "filt filtered mean avg rms abs rel left right top bottom upper lower"  # words in brackets that are no units
+_LIKE = re.compile(r"[A-Za-zµμ°Ω][A-Za-zµμ°Ω/^.*-]{0,7}")
 
 
 def known_unit(text: str) -> Unit | None:
@@ -80,6 +90,10 @@ def header_unit(header: str, among: Iterable[str] = ()) -> tuple[str, Unit | Non
         The name, and the unit in brackets, behind a slash, "in" or a comma, or as the last word; None without one.
     """
     header = header.strip()
+    if len(header) > _LONGEST:
+        return header, None
+    if (known := _of_its_place(header))[1]:
+        return known
     if len(header) > 1 and header in _UNITS:  # a column that is called by its unit alone
         return header, known_unit(header)
     for pattern in (_BRACKETS, _RATIO_BEHIND, _RATIO_LAST, _BEHIND):
@@ -112,3 +126,34 @@ def _is_single(name: str, letter: str, among: Iterable[str]) -> bool:
     others = (_LAST.match(other.strip()) for other in among)
     letters = {other[2] for other in others if other and other[1] == name and len(other[2]) == 1}
     return letters <= _SINGLE.keys()
+
+
+def unit_beside(name: str, text: str) -> Unit | None:
+    """The unit that a text states beside a name: also one of times alone, and one that is counted from a date."""
+    text = text.strip().partition(" since ")[0]
+    if text in _OF_TIMES and meaning(name).channel == "time":
+        return Unit(text, "s", _OF_TIMES[text])
+    return known_unit(text)
+
+
+def _of_its_place(header: str) -> tuple[str, Unit | None]:
+    """A header without a unit that only its place tells: behind a time, from a date on, in brackets, within a name."""
+    bracket, behind, within = _BRACKETS.match(header), _BEHIND.match(header), _WITHIN.match(header)
+    if bracket and bracket[2] == "in":
+        return bracket[1], Unit("in", "m", 25.4e-3)
+    for found in filter(None, (bracket, behind)):
+        if (found[2] in _OF_TIMES or " since " in found[2]) and (unit := unit_beside(found[1], found[2])):
+            return found[1].strip(" _,"), unit
+    if within and within[3] not in ("s", "s2") and not known_unit(within[3]) and (unit := known_unit(within[2])):
+        return f"{within[1]}_{within[3]}", unit
+    return header, None
+
+
+def unknown_unit(header: str) -> str:
+    """What stands in brackets behind a header as a unit does, but is none that is known; "" without such a text."""
+    found = _BRACKETS.match(header[-_LONGEST:])
+    text = found[2] if found else ""
+    capitals = len(text) > 1 and text.isupper() and not header.isupper()  # a place, as "DE" for the driven end
+    if not _LIKE.fullmatch(text) or capitals or text.lower() in _UNLIKE.split() or meaning(text).channel is not None:
+        return ""
+    return "" if known_unit(text) or text.lower() in COUNTS.split() else text

@@ -1,7 +1,7 @@
 """What a file calls a column, and what that says of its channel."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, si_unit
 from maglev_env.recordings.guess.evidence import LIKELY, SURE
-from maglev_env.recordings.guess.units import Unit, header_unit, known_unit
+from maglev_env.recordings.guess.units import Unit, header_unit, known_unit, unit_beside
 from maglev_env.recordings.guess.words import Meaning, meaning
 
 _NAMES_BESIDE = ("Name", "name", "Label", "label", "blockName")  # texts of a struct that name its values
@@ -31,13 +31,15 @@ def label_of(expression: str, found: Contents) -> tuple[str, Unit | None]:
         # Of a controller's variable, "MAIN.fbAxis.fPosition", the last part without the letter of its type.
         label = _TYPE.sub("", label.rpartition(".")[2]) if _VARIABLE.fullmatch(label) else label
         return label or (expression if _POSITION.fullmatch(expression) else header), unit  # of "[V]" the unit alone
-    if listed := _listed(expression, found):
-        return header_unit(_last_part(listed), among)
+    if listed := _listed(expression, found, _NAMES_BESIDE):
+        label, unit = header_unit(_last_part(listed), among)
+        return label, unit or unit_beside(label, _listed(expression, found, _UNITS_BESIDE, True))
     above, _, last = expression.rpartition(".")
     beside = next((texts[f"{above}.{key}"] for key in _NAMES_BESIDE if texts.get(f"{above}.{key}", "").strip()), "")
     if beside and meaning(last).channel == "time":  # the block's name is that of the values beside its time
         return last, None
-    unit = next((u for key in _UNITS_BESIDE if (u := known_unit(texts.get(f"{above}.{key}", "")))), None)
+    called = beside or last
+    unit = next((u for key in _UNITS_BESIDE if (u := unit_beside(called, texts.get(f"{above}.{key}", "")))), None)
     name = beside.strip().strip('"').replace("\\n", " ") if above and beside else expression
     if above and not beside:
         parts = [p for p in re.split(r"[.\[\]]+", expression) if p and not p.isdigit()]
@@ -69,9 +71,10 @@ def _last_part(path: str) -> str:
     return telling[-1] if telling else parts[-1]
 
 
-def _listed(expression: str, found: Contents) -> str:
-    """The name of a matrix column: in a cell array of as many texts as there are columns, or in one text beside it with
-    as many names between commas; "" where there is none."""
+def _listed(expression: str, found: Contents, keys: Sequence[str], only: bool = False) -> str:
+    """What texts say of a matrix column: in a cell array of as many texts as there are columns, or in one text beside
+    it, under one of the `keys`, with as many words between commas; "" where there is none. Lists of units say none, but
+    where `only` lists under the keys do."""
     matrix, _, place = expression.removesuffix("]").rpartition("[")
     if not matrix or not place.isdigit():
         return ""
@@ -80,8 +83,9 @@ def _listed(expression: str, found: Contents) -> str:
     for name, text in found.texts.items():
         lists.setdefault(name.rpartition("[")[0], []).append(text)
     above = matrix.rpartition(".")[0]
-    joined = [found.texts.get(f"{above}.{key}", "").split(",") for key in _NAMES_BESIDE if above]
-    every = [texts for name, texts in lists.items() if name] + joined
+    joined = [found.texts.get(f"{above}.{key}", "").split(",") for key in keys if above]
+    of_keys = {name: name.rpartition(".")[2] in (keys if only else _UNITS_BESIDE) for name in lists}
+    every = [texts for name, texts in lists.items() if name and of_keys[name] == only] + joined
     return next((texts[int(place)].strip() for texts in every if len(texts) == columns > 1), "")
 
 

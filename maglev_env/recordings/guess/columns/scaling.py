@@ -9,8 +9,8 @@ from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, si_uni
 from maglev_env.recordings.guess.columns.counts import holds_counts, order_of_a_count
 from maglev_env.recordings.guess.columns.sizes import MOST_SHAKEN, acceleration, step_of, too_slow_for
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN
-from maglev_env.recordings.guess.rate import time_scale
-from maglev_env.recordings.guess.units import Unit
+from maglev_env.recordings.guess.rate import stated_step, time_scale
+from maglev_env.recordings.guess.units import Unit, unknown_unit
 
 # Sizes up to which the values of a channel without a unit are likely to be in SI; beyond them it is in a smaller unit.
 _LARGEST_M = 0.05
@@ -36,6 +36,10 @@ def scaled(
     if unit:
         ask = f"scale in {si} per {unit.text}"
         return replace(guess, ask=ask, confidence=min(guess.confidence, OPEN))
+    text = "" if holds_counts(guess.label, values) else unknown_unit(guess.label)
+    if text and not (guess.channel == "time" and stated_step(numbers)):
+        reason, ask = f"{guess.reason}; {text!r} is no known unit", f"scale in {si} per {text}"
+        return replace(guess, scale=1.0, reason=reason, ask=ask, confidence=min(guess.confidence, OPEN))
     span = f"{np.min(values):.4g} .. {np.max(values):.4g}"
     if guess.channel == "time":
         scale, why, ask = time_scale(values, numbers)
