@@ -25,7 +25,7 @@ from sim2real.search.pairs import alone_again, fit_pairs
 from sim2real.search.shaping import shaped
 from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles
 
-SHAPED, SHAPED_PAIRS = 4, 4  # best single effects and pairs that are tried in other forms
+SHAPED, SHAPED_PAIRS = 5, 5  # best single effects and pairs that are tried in other forms
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
 BLURRED_TIE, LEFT_SD = 0.05, 3.0  # that share where the best leaves no more than so many standard deviations of noise
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the standard errors of a fit are computed

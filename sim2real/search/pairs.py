@@ -37,8 +37,8 @@ def fit_pairs(
     A second effect is tried beside each of the best single ones, two are tried together where neither alone explains
     much, and then others beside either effect of the best pairs at its values in the pair: the single effect that best
     replaces two need not be one of them. Then either effect of the best pairs is fitted alone from its values in the
-    pair. Where no pair of the first rounds explains more than the best single effect, that is all. Finally, what moved
-    far beyond its tolerance beside one of the best single effects is tried as an effect itself.
+    pair. Where no pair of the first rounds explains more than the best single effect, that is left out. Finally, what
+    moved far beyond its tolerance beside one of the best single effects is tried as an effect itself.
 
     A single effect that contradicts a stated tolerance is no explanation, so pairs are neither built on it nor compared
     with it.
@@ -63,7 +63,7 @@ def fit_pairs(
         found = _round(problem, singles, sorted(able, key=lambda f: f.cost)[:SEEDS], ())
         found += _together(problem, bases, singles, found)
     if not min((f.cost for f in found), default=np.inf) < least - SECOND:
-        return found, list(singles)
+        return found + _freed(problem, singles, {frozenset(f.hypothesis.effects) for f in found}), list(singles)
     steady = [f for f in found if DRIFTING not in f.hypothesis.effects]
     found += _round(problem, singles, _halves(problem, steady), {frozenset(f.hypothesis.effects) for f in found})
     again = _halves(problem, [f for f in found if DRIFTING not in f.hypothesis.effects])
