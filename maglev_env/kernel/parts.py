@@ -228,16 +228,21 @@ def _probe(s: Structure, lift: Lifts) -> dict[str, Callable]:
         ),
         "z1_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN), 2),
         "z2_by_mount": lift.each(sensor.by_mount(sensor.MOUNT_SEEN + row), 2),
-        "further_next": bent(sensor.by_further_mode(sensor.FURTHER_NEXT), 2, sensor.FURTHER_BEND, sensor.FURTHER_CROSS),
+        "further_next": bent(
+            sensor.by_mount(sensor.FURTHER_NEXT, sensor.FURTHER_Y), 2, sensor.FURTHER_BEND, sensor.FURTHER_CROSS
+        ),
         "further_v_next": bent(
-            sensor.by_further_mode(sensor.FURTHER_NEXT + row), 2, sensor.FURTHER_BEND + row, sensor.FURTHER_CROSS + row
+            sensor.by_mount(sensor.FURTHER_NEXT + row, sensor.FURTHER_Y),
+            2,
+            sensor.FURTHER_BEND + row,
+            sensor.FURTHER_CROSS + row,
         ),
         "z1_by_further": lift.each(sensor.seen_of_further_mode(sensor.FURTHER_SEEN), 0),
         "z2_by_further": lift.each(sensor.seen_of_further_mode(sensor.FURTHER_SEEN + 2 * W), 0),
-        "store_further_mode": lift.each(sensor.store_further_mode, 2),
+        "store_further_mode": lift.each(sensor.store_mount(sensor.FURTHER_Y), 2),
         "felt_too": lift.each(felt_too, 3),
         "store_reading": lift.each(sensor.store_reading(s.sensor_poles), 2),
-        "store_mount": lift.each(sensor.store_mount, 2),
+        "store_mount": lift.each(sensor.store_mount(), 2),
         "turn_pointers": lift.each(_turn_all if s.further else sensor.turn_pointers, 0),
     }
 

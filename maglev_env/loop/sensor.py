@@ -212,16 +212,17 @@ def z2_next(x, k, y, v, y1, v1):
     return own + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
 
 
-def by_mount(first: int) -> Callable:
+def by_mount(first: int, state: int = MOUNT_Y) -> Callable:
     """A piece that gives the mount's contribution to a value; its four coefficients are in the rows from `first`.
 
-    The arguments `moved` and `pushed` are the mover's change of position and of velocity by the bearing.
+    The arguments `moved` and `pushed` are the mover's change of position and of velocity by the bearing. Position and
+    velocity are those in the rows from `state`: of the mount, or of its further mode.
     """
 
     @piece
     def total(x, k, moved, pushed):
         q = k + first
-        return x[q] * x[k + MOUNT_Y] + x[q + W] * x[k + MOUNT_V] + x[q + 2 * W] * moved + x[q + 3 * W] * pushed
+        return x[q] * x[k + state] + x[q + W] * x[k + state + W] + x[q + 2 * W] * moved + x[q + 3 * W] * pushed
 
     return total
 
@@ -240,17 +241,6 @@ def store_reading(poles: int) -> Callable:
     return store
 
 
-def by_further_mode(first: int) -> Callable:
-    """As `by_mount`, of its further mode."""
-
-    @piece
-    def total(x, k, moved, pushed):
-        q = k + first
-        return x[q] * x[k + FURTHER_Y] + x[q + W] * x[k + FURTHER_V] + x[q + 2 * W] * moved + x[q + 3 * W] * pushed
-
-    return total
-
-
 def seen_of_further_mode(first: int) -> Callable:
     """A piece for what the further mode itself contributes to a value."""
 
@@ -267,16 +257,15 @@ def felt_too(x, k, slowed, outside):
     return x[k + UNFELT] * slowed + x[k + BESIDE] * outside
 
 
-@piece
-def store_mount(x, k, mount, mount_v):
-    x[k + MOUNT_Y], x[k + MOUNT_V] = mount, mount_v
-    return 0.0
+def store_mount(state: int = MOUNT_Y) -> Callable:
+    """A piece that stores position and velocity in the rows from `state`."""
 
+    @piece
+    def store(x, k, mount, mount_v):
+        x[k + state], x[k + state + W] = mount, mount_v
+        return 0.0
 
-@piece
-def store_further_mode(x, k, mount, mount_v):
-    x[k + FURTHER_Y], x[k + FURTHER_V] = mount, mount_v
-    return 0.0
+    return store
 
 
 @piece

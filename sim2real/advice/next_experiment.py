@@ -20,7 +20,7 @@ from sim2real.recorded.opened import opened_loop, stated_noise
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
 from sim2real.search.fit import Fit
-from sim2real.search.fitting import CALIBRATION_STEP, STEP
+from sim2real.search.fitting import CALIBRATION_STEP, STEP, aside
 
 REMAINING = 4  # candidates to be separated
 SEPARATED = 4.7  # cost between two candidates below which they count as alike (a likelihood ratio of about ten)
@@ -114,12 +114,6 @@ def _look(item: Item, base: Part) -> tuple[Predictor, np.ndarray]:
     return predictor(item.record, opened), np.where(noise > 0, weights, np.inf)
 
 
-def _inside(fit: Fit, step: np.ndarray) -> np.ndarray:
-    """Coordinates (size,) a step away, or as far in the other direction where the range ends before."""
-    ahead, back = (fit.hypothesis.bounded(fit.u + signed) for signed in (step, -step))
-    return ahead if np.linalg.norm(ahead - fit.u) >= 0.5 * np.linalg.norm(step) else back
-
-
 def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> float:
     """Smallest cost by which any two candidates differ in a recording; -inf where one of them touches down in it, or
     where nothing says how noisy it would be.
@@ -134,7 +128,7 @@ def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> float:
     for fit in fits:
         points.append(fit.hypothesis.point(fit.u))
         own = np.where(fit.prior > 0, CALIBRATION_STEP, np.maximum(STEP, STEP * abs(fit.u)))
-        moved = [_inside(fit, d) for d in np.diag(own)]
+        moved = [aside(fit, i, step) for i, step in enumerate(own)]
         steps.append(np.array([v[i] - fit.u[i] for i, v in enumerate(moved)]))
         points += [fit.hypothesis.point(v) for v in moved]
     predicted = (predict(points) * weights).reshape(len(points), -1)

@@ -83,7 +83,7 @@ def evidence_of(
     as_read, record = record, redriven(record, about)
     at_near = experiment_near(record, near)
     lanes = lanes_of(record, [near])
-    predicted = series_at(record, near)
+    predicted = series_at(record, near, lanes)
     loop = loop_at(record, at_near, predicted)
     opened = opened_of(loop)
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs), near=near)
@@ -98,7 +98,7 @@ def evidence_of(
             series[0] = quiet(record.series["displacement"]) - predicted[0]
             moved = loop.opened(record, series[0], series[2], None)[0]
             by_rig = anchored(record, moved)
-            series = series_at(by_rig, near)
+            series = series_at(by_rig, near, lanes)
             if np.isfinite(series).all():
                 record, as_read, predicted = by_rig, anchored(as_read, moved), series
                 predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs), near=near)

@@ -46,15 +46,21 @@ def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: boo
     return prepared(seeded, substeps_of(record))
 
 
-def series_at(record: OpenRecord, point: Point) -> np.ndarray:
+def series_at(record: OpenRecord, point: Point, lanes: list[Block] | None = None) -> np.ndarray:
     """Displacement, current and command (3, axes, samples) of a simulation at a point, as noise smooths them; nan where
-    the rotor touches down."""
+    the rotor touches down.
+
+    Args:
+        record: The record.
+        point: The point.
+        lanes: Its prepared ones without noise, where they are there already.
+    """
 
     def mean(at: Point, dithered: bool) -> np.ndarray:
         return simulated_series(record, lanes_of(record, [at], dithered)).mean(axis=0)
 
     if not is_dithered(point, record.nominal):
-        return mean(point, False)
+        return mean(point, False) if lanes is None else simulated_series(record, lanes)[0]
     plain = without_dithered(point)
     return mean(point, True) - (mean(plain, True) - mean(plain, False))
 

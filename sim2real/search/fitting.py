@@ -66,12 +66,7 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
             fit.jacobian = np.zeros((fit.hypothesis.size, data.size), complex)
         for i in range(fit.hypothesis.size if calibrations else free):
             step = max(STEP, STEP * abs(fit.u[i])) if i < free else CALIBRATION_STEP
-            for signed in (step, -step):
-                moved = fit.u.copy()
-                moved[i] += signed
-                bounded = fit.hypothesis.bounded(moved)
-                if abs(bounded[i] - moved[i]) < 0.5 * step:
-                    break
+            bounded = aside(fit, i, step)
             if bounded[i] == fit.u[i]:  # it is held
                 fit.jacobian[i] = 0.0
                 continue
@@ -85,6 +80,17 @@ def differentiate(fits: Sequence[Fit], data: np.ndarray, simulate: Simulate, cal
     for fit in fits:
         fit.fresh = calibrations
         fit.age = 0 if calibrations else fit.age + 1
+
+
+def aside(fit: Fit, i: int, step: float) -> np.ndarray:
+    """Coordinates (size,) of which one is a step away, or as far in the other direction where its range ends before."""
+    for signed in (step, -step):
+        moved = fit.u.copy()
+        moved[i] += signed
+        bounded = fit.hypothesis.bounded(moved)
+        if abs(bounded[i] - moved[i]) < 0.5 * step:
+            break
+    return bounded
 
 
 def iterate(
