@@ -125,7 +125,7 @@ class View:
         first = max(first, 1 if len(spectra) > 2 else 0)
         fundamental = next(e.fundamental for e in self.excitations if e.periodic)
         parts = {name: spectra[first:, i] for i, name in enumerate(names)}
-        return Lines(harmonics * fundamental, parts, True, harmonics, first)
+        return Lines(harmonics * fundamental, parts, True, harmonics, kept[first])
 
     def _segments(self) -> Lines:
         names = [name for name in KINDS if name in self.channels]

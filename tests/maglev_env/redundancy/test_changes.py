@@ -1,5 +1,7 @@
 """What changes from period to period, on sums of sines that are evaluated at the times of each device."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -83,3 +85,11 @@ def test_periods_without_noise_of_their_own_are_copies():
     x = np.tile(channel(rng)[:SAMPLES], PERIODS)
     (found,) = copies(view(force=channel(rng), displacement=x))
     assert found.kind == "quality" and "intervals are too narrow" in found.message
+
+
+@pytest.mark.parametrize(("left_out", "first"), [((), 2), ((0,), 2), ((3,), 2)])
+def test_the_first_steady_period_is_counted_from_the_start_whatever_is_left_out(left_out, first):
+    """A transient in the first two periods, of which one may be left out as well."""
+    x = channel(np.random.default_rng(9), noise=0.01)
+    x[: 2 * SAMPLES] += 3 * x.std() * np.exp(-np.arange(2 * SAMPLES) / SAMPLES)
+    assert replace(view(displacement=x, force=x), left_out=left_out).lines.first == first
