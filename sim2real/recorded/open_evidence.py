@@ -90,9 +90,17 @@ def parts_of(record: OpenRecord, loop: Loop, predicted: np.ndarray) -> dict[str,
         predicted: displacement, current and command (3, axes, samples) of the simulation nearest to the record.
     """
     y, i, command = (record.spectrum(series) for series in predicted)
-    plant, amplifier, receptance, referred = (
+    blocks = loop.blocks
+    plant, amplifier, receptance, referred, controller, from_current = (
         np.reshape(v, (-1, *loop.shape))
-        for v in (loop.blocks.plant, loop.blocks.amplifier, loop.blocks.receptance, loop.blocks.from_reference)
+        for v in (
+            blocks.plant,
+            blocks.amplifier,
+            blocks.receptance,
+            blocks.from_reference,
+            blocks.controller,
+            blocks.from_current,
+        )
     )
     force, injection, reference = (
         record.spectrum(record.waves[place][:, :: record.every]) for place in ("force", "current", "reference")
@@ -107,6 +115,10 @@ def parts_of(record: OpenRecord, loop: Loop, predicted: np.ndarray) -> dict[str,
     elif record.source == "current":
         found["current"], found[BY_MOTION] = {"plant": -plant * command}, {"plant": -plant * y}
     else:
+        # Of the readings follows a command that nobody recorded. From a recorded command or current they are taken off
+        # again, as what drives the simulation.
+        found["displacement"] = {"plant": (1 + plant * controller) * y, "amplifier": amplifier * controller * y}
+        found["current"] = {"plant": plant * from_current * i, "amplifier": (1 + amplifier * from_current) * i}
         for channel, own in (("injection", injection), ("reference", referred * reference)):
             found[channel] = {"plant": -plant * own, "amplifier": -amplifier * own}
     return found

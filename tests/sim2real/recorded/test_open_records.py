@@ -18,6 +18,8 @@ from sim2real.judgement.nonstationary import widening
 from sim2real.pooled import pooled
 from sim2real.recorded.drive.controller_output import recovered_injection
 from sim2real.recorded.not_stable import not_stable
+from sim2real.recorded.open_evidence import measured_of, measured_series, parts_of
+from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 from sim2real.search import attribute
@@ -215,6 +217,26 @@ def test_errors_of_channels_enter_the_interval_and_are_the_same_in_all_recording
         costs.append(np.diff(np.sum(abs(residuals) ** 2, axis=1))[0])
     # A gain error of one standard deviation of the scale costs about 1, once, however many recordings there are.
     assert costs[0] > 50 and max(np.abs(costs[1:])) < 10
+
+
+def test_a_scale_of_the_displacement_enters_the_command_that_follows_from_it(campaign):
+    """Where the injection is recorded and the command is not: what reading 0.1 % more changes."""
+    folder = campaign(Bench(), {"noise": "fit"}, seconds=0.5)
+    run = dict(np.load(folder / "noise.npz"))
+    gains = Gains(bench_loop.KP, bench_loop.KI, bench_loop.KD, bench_loop.TD, bench_loop.TI)
+    run["injection"] = recovered_injection(gains, run["command"], run["displacement"], 1 / bench_loop.RATE)
+    _edit(folder, 'command = { from = "command" }', 'injection = { from = "injection" }')
+    found = []
+    for more in (0.0, 1e-3):
+        np.savez(folder / "noise.npz", **{**run, "displacement": (1 + more) * run["displacement"]})
+        _, (record,) = read_records(folder)
+        assert record.source is None
+        loop = nominal_loop(record)
+        found.append(measured_of(record, loop, loop.blocks.outputs))
+        by_scale = parts_of(record, loop, measured_series(record))["displacement"]
+    for change, output in zip(found[1] - found[0], loop.blocks.outputs, strict=True):
+        told = 1e-3 * record.windows.project(by_scale[output]).reshape(change.shape)
+        assert np.linalg.norm(change - told) < 0.05 * np.linalg.norm(change)  # the ends' lowest windows know more
 
 
 def test_a_gain_that_changes_in_time_widens_intervals_and_white_noise_does_not(campaign):
