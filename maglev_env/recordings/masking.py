@@ -63,8 +63,13 @@ def _one_of_several(values: np.ndarray, at: np.ndarray) -> bool:
 
 def _longest(at: np.ndarray) -> int:
     """The longest run of True, samples."""
+    return max((end - first for first, end in runs(at)), default=0)
+
+
+def runs(at: np.ndarray) -> list[tuple[int, int]]:
+    """First and end of every run of True of (samples,)."""
     edges = np.flatnonzero(np.diff(np.pad(at, 1).astype(np.int8)))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def bridged(values: np.ndarray, masked: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@ import numpy as np
 
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.files import Columns
-from maglev_env.recordings.guess.columns.clocks import is_clock
+from maglev_env.recordings.guess.behaviour import is_time
+from maglev_env.recordings.guess.columns.clocks import called_time
 from maglev_env.recordings.guess.units import header_unit
-from maglev_env.recordings.guess.words import meaning
 from maglev_env.recordings.own_clocks import apart, own_times
 from maglev_env.redundancy.finding import Finding
 
@@ -48,8 +48,8 @@ def _clocks(columns: Columns, window: slice) -> dict[str, np.ndarray]:
     clocks: dict[str, np.ndarray] = {}
     for name in columns.names if columns.positions else ():
         called, unit = header_unit(columns.headers.get(name, name))
-        if unit and unit.si == "s" and meaning(called, "s").channel == "time":
+        if called_time(called, unit):
             values = columns.column(name)[window]
-            if is_clock(called, unit, values[np.isfinite(values)]):
+            if is_time(values[np.isfinite(values)]):
                 clocks[name] = values * unit.scale
     return clocks

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from maglev_env.recordings.masking import runs
+
 REST_SHARE = 0.3  # of such a time that the rotor is at a stop, as none does that overshoots
 RAIL_WIDTH, RAIL_DWELL = 0.01, 0.7  # of the range; a sine dwells in its outer 1 % half as long as in its outer 4 %
 STOP_WIDTH = 0.1  # of the range of the readings
@@ -94,9 +96,3 @@ def _mostly(at: np.ndarray, stay: int, share: float = 0.8) -> np.ndarray:
         held = first + np.flatnonzero(at[first:last])
         out[first : held[0]] = out[held[-1] + 1 : last] = False
     return out
-
-
-def runs(at: np.ndarray) -> list[tuple[int, int]]:
-    """First and end of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.recordings.alarms.alarm import READINGS, STUCK_SAMPLES, Alarm
-from maglev_env.recordings.alarms.levitation_losses import runs
-from maglev_env.recordings.masking import MOST_MASKED
+from maglev_env.recordings.masking import MOST_MASKED, runs
 
 if TYPE_CHECKING:
     import xarray as xr

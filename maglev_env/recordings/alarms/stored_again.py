@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maglev_env.recordings.alarms.alarm import READINGS, Alarm, cut_to, stretches_between
-from maglev_env.recordings.alarms.levitation_losses import runs
-from maglev_env.recordings.masking import MOST_MASKED
+from maglev_env.recordings.masking import MOST_MASKED, runs
 
 if TYPE_CHECKING:
     import xarray as xr

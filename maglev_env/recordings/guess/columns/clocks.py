@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeGuard
 
 import numpy as np
 
-from maglev_env.recordings.guess.behaviour import is_time
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.evidence import OPEN
 from maglev_env.recordings.guess.rate import time_scale
@@ -14,9 +14,9 @@ from maglev_env.recordings.guess.words import meaning
 from maglev_env.recordings.own_clocks import apart, own_times
 
 
-def is_clock(label: str, unit: Unit | None, values: np.ndarray) -> bool:
-    """Whether a column (samples,) is called a time in seconds, and is one where it was read."""
-    return bool(unit and unit.si == "s" and meaning(label, "s").channel == "time" and is_time(values))
+def called_time(label: str, unit: Unit | None) -> TypeGuard[Unit]:
+    """Whether a column is called a time in seconds."""
+    return bool(unit and unit.si == "s" and meaning(label, "s").channel == "time")
 
 
 def at_one_clock(

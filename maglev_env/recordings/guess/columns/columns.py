@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.recordings.contents import Contents
 from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.columns.by_values import by_behaviour
-from maglev_env.recordings.guess.columns.clocks import at_one_clock, is_clock
+from maglev_env.recordings.guess.columns.clocks import at_one_clock, called_time
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
 from maglev_env.recordings.guess.columns.naming import by_name, label_of
 from maglev_env.recordings.guess.columns.opposed import opposed
@@ -50,7 +50,9 @@ def guess_columns(found: Contents, channels: Mapping[str, str] | None = None) ->
     stated = {g.channel for g in fixed.values()}
     free = {n: replace(g, channel="") if g.channel in stated else g for n, g in guesses.items()}
     read = {n: v if found.bridged is None else v[~found.bridged[: v.size]] for n, v in values.items()}
-    times = {n: g for n, g in named.items() if g.channel == "time" or is_clock(*labels[n], read[n])}
+    times = {
+        n: g for n, g in named.items() if g.channel == "time" or (called_time(*labels[n]) and shown.is_time(read[n]))
+    }
     free = at_one_clock(free | fixed, times, units, read, found.numbers)
     guesses = {n: _resting(g, units[n], values[n]) for n, g in free.items()} | fixed
     return tuple(scaled(g, units, values[name], guesses, values, found.numbers) for name, g in guesses.items())
