@@ -1,7 +1,7 @@
 """A campaign: a folder of recordings described by campaign.toml, with the nominal rig they were made on."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ from maglev_env.recordings.files import OpenedFiles
 from maglev_env.recordings.formats.text_layout import TextLayout, layout_table
 from maglev_env.recordings.left_out import LeftOut
 from maglev_env.rig.controller_tables import controllers_from_table
+from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.rig.rig_file import PRESETS, load_rig
@@ -99,6 +100,14 @@ class Campaign:
     recordings: tuple[RecordingSpec, ...]
     files: OpenedFiles = field(default_factory=OpenedFiles, compare=False, repr=False)
     left_out: tuple[LeftOut, ...] = ()
+
+
+def with_mass(campaign: Campaign, mass: float) -> Campaign:
+    """The campaign with another moving mass, kg; masses of single axes keep their ratio to it."""
+    rig = campaign.rig
+    if rig is not None and mass != rig.mass:
+        rig = scaled_rig(rig, {"mass": mass / rig.mass})
+    return replace(campaign, mass=mass, rig=rig)
 
 
 def load_campaign(folder_or_toml: str | Path) -> Campaign:

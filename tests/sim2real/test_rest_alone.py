@@ -31,14 +31,14 @@ def test_levels_and_weight_tell_gain_and_stiffness_where_motion_tells_nothing(tm
     text = path.read_text().replace("controller = \n", "")
     path.write_text(text)
     with pytest.raises(NoneTells, match="tells anything"):
-        identify_campaign(load_campaign(folder), rig.mass, False, None, None, iter)
+        identify_campaign(load_campaign(folder), False, None, None, iter)
     for channel, sure in (("displacement", 1e-5), ("current", 2e-3)):
         text = text.replace(f'{{ from = "{channel}" }}', f'{{ from = "{channel}", offset_tolerance = {sure} }}')
     path.write_text(text)
     campaign = load_campaign(folder)
     with pytest.raises(NoneTells):
         read_records(campaign)
-    found = identify_campaign(campaign, rig.mass, False, None, None, iter).pooled
+    found = identify_campaign(campaign, False, None, None, iter).pooled
     gain, stiffness = linearise(force_law(rig))
     # A fifth more force for a current carries the weight with a smaller one: 2 m g / I grows by its root.
     for c, true in zip(found.coefficients, (gain * np.sqrt(1.2), stiffness), strict=True):

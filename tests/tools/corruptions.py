@@ -136,7 +136,7 @@ def estimates(folder: Path) -> dict[str, tuple[float, float]] | None:
     """Value and standard error of all that `maglev estimate` bounds; None where it refuses."""
     try:
         campaign = load_campaign(folder)
-        found = identify_campaign(campaign, campaign.mass, False, None, None, iter)
+        found = identify_campaign(campaign, False, None, None, iter)
     except (ValueError, OSError, np.linalg.LinAlgError):
         return None
     result = {}

@@ -101,7 +101,7 @@ def _identified(alone: Campaign) -> list[Identification]:
     if alone.rig is not None and all(e.kind == "none" for e in alone.recordings[0].excitations):
         read_records(alone)  # refuses what the fit of the rig could not use
         return []
-    found = identify_campaign(alone, alone.mass, alone.mass is None, None, None, lambda specs: specs, fitted=False)
+    found = identify_campaign(alone, alone.mass is None, None, None, lambda specs: specs, fitted=False)
     return [one for _, one in found.axes]
 
 

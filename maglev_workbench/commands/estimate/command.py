@@ -58,7 +58,7 @@ def estimate(
     if band_width is not None and not band_width > 0:
         raise ValueError(f"--band-width {band_width} Hz must be positive")
     require_campaign(source)
-    from maglev_env.recordings.campaign import load_campaign
+    from maglev_env.recordings.campaign import load_campaign, with_mass
 
     # What is wrong with it is told before the imports that take longer.
     stated = load_campaign(source) if source.is_dir() or source.suffix == ".toml" else None
@@ -85,8 +85,9 @@ def estimate(
         page = out or source.with_suffix(".html")
     require_file(page, "--out")
 
-    mass = campaign.mass if mass is None else mass
-    warnings = warned(replace(campaign, mass=None if estimate_mass else mass), LEAVING_OUT)
+    if mass is not None:
+        campaign = with_mass(campaign, mass)
+    warnings = warned(replace(campaign, mass=None) if estimate_mass else campaign, LEAVING_OUT)
     from maglev_env.redundancy.result import doubtful
     from maglev_workbench.commands.estimate.answer import estimate_answer
     from maglev_workbench.commands.estimate.gain_report import gain_table
@@ -105,10 +106,10 @@ def estimate(
 
     with progress_bar() as bar:
         found = identify_campaign(
-            campaign, mass, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
+            campaign, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
         )
     warnings += shown(finding for file, one in found.axes for finding in doubtful(file, one))
-    rig = f"{campaign.rig.name}, {mass:g} kg" if campaign.rig else "not given"
+    rig = f"{campaign.rig.name}, {campaign.mass:g} kg" if campaign.rig else "not given"
     unused = {one.recording for one in found.left_out}
     recordings = ", ".join(spec.file for spec in campaign.recordings if spec.file not in unused)
     made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}

@@ -13,7 +13,7 @@ from maglev_env.recordings.left_out import LeftOut, NoneTells, TellsNothing
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
-from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.rig import axis_rig
 from sim2real.compared.standing import standing
 from sim2real.pooled import Pooled, pooled
 from sim2real.recorded.open_record import OpenRecord
@@ -51,7 +51,6 @@ class Identified:
 
 def identify_campaign(
     campaign: Campaign,
-    mass: float | None,
     estimate_mass: bool,
     band_width: float | None,
     band_overlap: float | None,
@@ -62,7 +61,6 @@ def identify_campaign(
 
     Args:
         campaign: with the recordings.
-        mass: moving mass, kg; None if it is not known.
         estimate_mass: whether the mass is fitted too.
         band_width, band_overlap: of the estimation bands, Hz; None: the defaults.
         track: wraps the loop over the recordings, to show progress.
@@ -83,7 +81,7 @@ def identify_campaign(
             found.aperiodic.append(spec.file)
         signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
         try:
-            found.axes.extend(_axes(spec.file, signals, campaign.rig, mass, estimate_mass, band_width, band_overlap))
+            found.axes.extend(_axes(spec.file, signals, campaign, estimate_mass, band_width, band_overlap))
         except ValueError as error:
             if estimate_mass:
                 raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
@@ -92,7 +90,7 @@ def identify_campaign(
                 found.open.append(spec.file)  # of a named rig the simulation may still tell what a response does not
             return
         forced = any(e.at == "force" for e in signals.excitations)
-        if signals.axes == 2 and forced and spec.role == "fit" and mass is not None:
+        if signals.axes == 2 and forced and spec.role == "fit" and campaign.mass is not None:
             loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
 
     told, _ = each_recording(campaign, identified, track)
@@ -103,7 +101,8 @@ def identify_campaign(
         found = replace(found, notes=tuple(f"{file}: tells nothing without a rig ({own})" for file, own in why.items()))
     for members in loops.values():
         records = [signals for _, signals in members]
-        both = identify_planar(records, campaign.rig, mass, band_width, band_overlap)
+        assert campaign.mass is not None
+        both = identify_planar(records, campaign.rig, campaign.mass, band_width, band_overlap)
         if campaign.rig is not None:
             x, y = (axis_rig(campaign.rig, axis).tolerance.get("mass", 0.0) for axis in range(2))
             both = planar_within_tolerance_of_mass(both, (x, y))
@@ -129,9 +128,10 @@ def identify_campaign(
 
 
 def _axes(
-    file: str, signals: RecordedSignals, rig: Rig | None, mass: float | None, *options: object
+    file: str, signals: RecordedSignals, campaign: Campaign, *options: object
 ) -> list[tuple[str, Identification]]:
     """The identification of a recording; with two axes, of each axis alone."""
+    rig = campaign.rig
     parts = [(file, signals)]
     if signals.axes == 2:
         parts = [(f"{file}, {name}", axis_signals(signals, axis)) for axis, name in enumerate(AXES)]
@@ -141,10 +141,9 @@ def _axes(
     found = []
     for name, own in parts:
         one = rig if rig is None or own.axis is None else axis_rig(rig, own.axis)
-        # A given mass replaces the rig's common one; the ratio of an axis' own mass to the common one is kept.
-        share = mass if mass is None or one is None or rig is None else mass * one.mass / rig.mass
+        mass = campaign.mass if one is None else one.mass
         tolerance = 0.0 if one is None else one.tolerance.get("mass", 0.0)
-        found.append((name, within_tolerance_of_mass(identify(own, one, share, *options), tolerance)))
+        found.append((name, within_tolerance_of_mass(identify(own, one, mass, *options), tolerance)))
     return found
 
 

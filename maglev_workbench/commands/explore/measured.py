@@ -47,7 +47,7 @@ def explored(asked: Asked, goal: str | None = None, sweep: Path | None = None) -
 def _measured(campaign: Campaign) -> tuple[Measured, ...]:
     with progress_bar() as bar:  # bands side by side, as of the simulated experiment
         found = identify_campaign(
-            campaign, campaign.mass, False, None, 0.0,
+            campaign, False, None, 0.0,
             lambda recordings: bar.track(list(recordings), description="identify"),
         )  # fmt: skip
     gains = {r.file: r.gains for r in campaign.recordings}

@@ -36,9 +36,7 @@ def models_of(source: str, effects: Sequence[str]) -> list[Model]:
     from maglev_workbench.commands.estimate.recordings import identify_campaign
 
     with progress_bar() as bar:
-        found = identify_campaign(
-            campaign, campaign.mass, False, None, None, lambda specs: bar.track(specs, description="identify")
-        )
+        found = identify_campaign(campaign, False, None, None, lambda specs: bar.track(specs, description="identify"))
     if not found.axes:
         raise ValueError(f"{Path(source)}: no recording has an excitation whose response could be given")
     return identified_models(found.axes)

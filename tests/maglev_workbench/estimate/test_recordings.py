@@ -5,9 +5,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from bench_loop import Bench, write_campaign
 from campaigns import planned, write
 
-from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.campaign import load_campaign, with_mass
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig_file import load_rig
 from maglev_workbench.commands.estimate import recordings
@@ -35,7 +36,7 @@ def campaign(controlled):
 
 def test_a_named_rig_is_fitted_to_what_has_too_few_lines_for_bands(without_responses, monkeypatch):
     monkeypatch.setattr(recordings, "_pooled", lambda campaign: (without_responses, "fitted"))
-    found = recordings.identify_campaign(campaign(True), 0.1, False, None, None, iter)
+    found = recordings.identify_campaign(campaign(True), False, None, None, iter)
     assert found.pooled == "fitted" and not found.axes
     assert "sine.csv: no bands alone" in found.notes[0] and "at least four" in found.notes[0]
 
@@ -46,15 +47,15 @@ def test_without_magnets_and_where_the_rig_cannot_be_fitted_the_reason_is_said(w
 
     monkeypatch.setattr(recordings, "_pooled", falls)
     with pytest.raises(ValueError, match=r"sine\.csv: 1 lines"):
-        recordings.identify_campaign(campaign(False), 0.1, False, None, None, iter)
+        recordings.identify_campaign(campaign(False), False, None, None, iter)
     with pytest.raises(ValueError, match=r"at least four.*touches down"):
-        recordings.identify_campaign(campaign(True), 0.1, False, None, None, iter)
+        recordings.identify_campaign(campaign(True), False, None, None, iter)
 
 
 def test_without_a_rig_a_recording_that_tells_nothing_is_named_and_the_others_stand(without_responses, monkeypatch):
     alone = SimpleNamespace(rig=None, folder=Path("bench"))
     with pytest.raises(ValueError, match=r"bench.sine\.csv: 1 lines"):
-        recordings.identify_campaign(alone, 0.1, False, None, None, iter)
+        recordings.identify_campaign(alone, False, None, None, iter)
     steps = SimpleNamespace(file="steps.csv", excitations=(SimpleNamespace(kind="multisine", at="force"),), role="fit")
     read = recordings.each_recording
 
@@ -68,7 +69,7 @@ def test_without_a_rig_a_recording_that_tells_nothing_is_named_and_the_others_st
         recordings, "recorded_signals", lambda *args: SimpleNamespace(axes=1, excitations=steps.excitations)
     )
     monkeypatch.setattr(recordings, "each_recording", lambda c, do, track: (read(c, do, track)[0], [do(steps)]))
-    found = recordings.identify_campaign(alone, 0.1, False, None, None, iter)
+    found = recordings.identify_campaign(alone, False, None, None, iter)
     assert found.axes == [("steps.csv", "identified")] and found.notes == (
         "sine.csv: tells nothing without a rig (1 lines)",
     )
@@ -85,5 +86,17 @@ def test_two_axes_that_only_references_drive_are_told_each_alone(tmp_path):
         for turn in (0.0, 90.0)
     ]
     folder = write(tmp_path, [(f"r{i}", "fit", e) for i, e in enumerate(driven)], nominal="hmb_radial")
-    found = recordings.identify_campaign(load_campaign(folder), radial.mass, False, None, None, iter)
+    found = recordings.identify_campaign(load_campaign(folder), False, None, None, iter)
     assert [name for name, _ in found.axes] == ["r0.npz, x", "r1.npz, y"] and not found.planar
+
+
+@pytest.mark.slow
+def test_another_mass_is_that_of_the_rig_that_is_fitted(tmp_path):
+    """Accelerations are what is seen: with the mass go gain and stiffness."""
+    stated = load_campaign(write_campaign(tmp_path, Bench(), {"noise": "fit"}, 0.5, 0))
+    found = []
+    for campaign in (stated, with_mass(stated, 1.2 * stated.mass)):
+        together = recordings.identify_campaign(campaign, False, None, None, iter).pooled
+        found.append({c.name: c for c in together.coefficients})
+    for name in ("actuator_gain", "negative_stiffness"):
+        assert found[1][name].value == pytest.approx(1.2 * found[0][name].value, rel=0.03)

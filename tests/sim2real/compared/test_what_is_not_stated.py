@@ -35,7 +35,7 @@ def test_poles_and_curved_laws_do_not_move_what_is_estimated_of_a_named_rig(tmp_
         + "".join(f'{name} = {{ from = "{name}" }}\n' for name in ("reference", "displacement", "command", "current"))
     )
     campaign = load_campaign(tmp_path)
-    found = identify_campaign(campaign, campaign.mass, False, None, None, lambda specs: specs)
+    found = identify_campaign(campaign, False, None, None, lambda specs: specs)
     assert found.pooled is not None
     # i = I + di, at the gap g: m g = K (I / g)^2, so df/di = 2 m g / I and df/dx = 2 m g / g.
     bias = rig.gap * np.sqrt(rig.mass * rig.gravity / (4e-7 * np.pi * rig.turns**2 * rig.pole_area / 4))
