@@ -13,7 +13,7 @@ from scipy import stats
 
 from maglev_env.loop.axes import AXES
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.coefficients import Coefficient, coefficients_alone, coefficients_of
+from sim2real.coefficients import Coefficient, coefficients_of
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.search.fit import Fit, cost_of
@@ -85,7 +85,7 @@ def _in_words(x: Coefficient, y: Coefficient) -> str:
 def _along(rig: Rig, problem: Problem, fit: Fit, axis: int) -> tuple[Coefficient, ...]:
     """Coefficients by what shows along one axis."""
     own = problem.axis == axis
-    return coefficients_alone(axis_rig(rig, axis), problem, fit_of_rows(problem, fit, own), [], float(own.mean()))
+    return coefficients_of(axis_rig(rig, axis), problem, fit_of_rows(problem, fit, own), [], float(own.mean()))
 
 
 def fit_of_rows(problem: Problem, fit: Fit, rows: np.ndarray) -> Fit:

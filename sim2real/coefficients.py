@@ -11,7 +11,6 @@ from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
 from sim2real.compared.problem import Problem
 from sim2real.judgement.nonstationary import widening
-from sim2real.noise_in_drive import told_by_noise
 from sim2real.one_sided import bounded_spread
 from sim2real.recorded.at_rest.static_evidence import can_rest, of_weight
 from sim2real.recorded.open_record import OpenRecord
@@ -118,6 +117,13 @@ def standard_errors(by_curvature: np.ndarray, fit: Fit, others: Sequence[Fit], c
     return np.maximum.reduce(least)
 
 
+def overstated(fit: Fit, others: Sequence[Fit]) -> bool:
+    """Whether the curvature at a fit claims more of the actuator's gain than other points allow."""
+    gain = [c.effect == "actuator_gain" for c in fit.hypothesis.coordinates]
+    at = np.flatnonzero(gain)
+    return bool((standard_errors(fit.spread, fit, others) > BENT * fit.spread)[at].any())
+
+
 def misfit(fit: Fit) -> float:
     return float(np.mean(abs(fit.residual) ** 2) / 2)
 
@@ -132,23 +138,18 @@ def _of_mass(rig: Rig, fit: Fit) -> dict[str, tuple[int, float, float]]:
     return {name: (at, fit.hypothesis.sigma("mass"), p) for name, p in zip(names, of_weight(rig), strict=True)}
 
 
-def coefficients_of(rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit]) -> tuple[Coefficient, ...]:
-    """Coefficients of a fit to all of a problem; none is bounded where noise in a measured drive tells too much of one.
+def coefficients_of(
+    rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit], share: float = 1.0
+) -> tuple[Coefficient, ...]:
+    """Coefficients of a fit to all of a problem, or to a share of it.
 
     Args:
         rig: the nominal one.
         problem: the problem.
-        fit: its fit, with derivatives.
+        fit: its fit, with derivatives; of a share of the problem its residual and derivatives are zero elsewhere.
         others: points that its intervals must not exclude more than the likelihood does.
+        share: that one.
     """
-    found = coefficients_alone(rig, problem, fit, others)
-    return tuple(replace(c, bounded=False) for c in found) if told_by_noise(problem, fit) else found
-
-
-def coefficients_alone(
-    rig: Rig, problem: Problem, fit: Fit, others: Sequence[Fit], share: float = 1.0
-) -> tuple[Coefficient, ...]:
-    """As `coefficients_of`, whatever tells them; the fit may be of a share of the problem, and zero elsewhere."""
     h, lack = fit.hypothesis, misfit(fit) / share
     factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(share * fit.residual.size) else 1.0
     by_curvature = bounded_spread(fit, fit.spread)

@@ -23,11 +23,11 @@ from sim2real.coefficients import (
     forced,
     misfit,
     nominal_coefficient,
+    overstated,
 )
 from sim2real.compared.problem import Problem, assemble
 from sim2real.gain_over_frequency import Mechanics, apparent_gain
 from sim2real.late_current import in_words, lateness, without_current
-from sim2real.noise_in_drive import told_by_noise
 from sim2real.pooled_fit import fitted
 from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
 from sim2real.recorded.open_record import OpenRecord
@@ -95,7 +95,7 @@ def pooled(
     if (bent := with_second_body(problem, fit)) is not None:
         progress("a second body")
         problem, fit, others = fitted(records, bent)
-    used, noisy = _told_by_drives(records, problem, fit)
+    used, noisy = _told_by_drives(records, fit, others)
     if noisy:
         problem, fit, others = fitted(used, fit, rest=False)
     whole, differ = along_both(rig, problem, fit, others)
@@ -142,17 +142,18 @@ def pooled(
 
 
 def _told_by_drives(
-    records: Sequence[Record | OpenRecord], problem: Problem, fit: Fit
+    records: Sequence[Record | OpenRecord], fit: Fit, others: Sequence[Fit]
 ) -> tuple[Sequence[Record | OpenRecord], str | None]:
     """The records that are fitted together, and a sentence on those that are left out.
 
-    Where noise in the measured drives tells too much of a coefficient, those records stay of which each alone is told
-    by what excites it; all of them where none is.
+    Where the fit seems to tell more of the gain than it does, because of noise in the measured drives, those records
+    stay which alone tell as much as they seem to; all of them where none does.
     """
-    if len(records) < 2 or not told_by_noise(problem, fit):
+    noisy = any(isinstance(r, OpenRecord) and r.instrument is not None for r in records)
+    if len(records) < 2 or not noisy or not overstated(fit, others):
         return records, None
-    clear = [r for r in records if not told_by_noise(*fitted([r], fit, rest=False)[:2])]
-    if not clear:
+    clear = [r for r in records if not overstated(*fitted([r], fit, rest=False)[1:])]
+    if not clear or len(clear) == len(records):
         return records, None
     others = ", ".join(r.name for r in records if r not in clear)
     why = "noise in what drives it tells more than what excites it"

@@ -18,7 +18,7 @@ from sim2real.recorded.records import Record
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import REPLACED, Hypothesis
-from sim2real.search.valleys import held_at_nominal
+from sim2real.search.valleys import held_aside
 from sim2real.search.where_it_stands import where_it_stands
 from sim2real.second_body import BODY
 
@@ -89,7 +89,7 @@ def fitted(
     starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
-    return problem, fit, [*others, *held_at_nominal(problem, fit)]
+    return problem, fit, [*others, *held_aside(problem, fit)]
 
 
 def _followed_less_far(problem: Problem, u: np.ndarray, h: Hypothesis) -> tuple[Problem, np.ndarray]:

@@ -173,9 +173,11 @@ class Problem:
         """Twice the sum of ln of the noise's variance over all coordinates, as a closed loop shows them.
 
         With the cost of a point it is -2 ln of its likelihood, which compares problems of the same records that are
-        opened at other rigs: a residual that is opened with more loop gain is larger, and explains no less.
+        opened at other rigs: a residual that is opened with more loop gain is larger, and explains no less. What is
+        compared along an instrument alone has none of it: its noise is what is left beside the instrument, which is
+        least where the rig explains the noise that a controller fed back, and no true rig does.
         """
-        opened = [p for p in self.parts if isinstance(p.record, OpenRecord)]
+        opened = [p for p in self.parts if isinstance(p.record, OpenRecord) and p.record.instrument is None]
         noise = sum(float(np.log(p.noise[..., p.used]).sum()) for p in opened)
         return 4 * (noise - sum(float(np.log(abs(p.opened.closed[..., p.used])).sum()) for p in opened))
 

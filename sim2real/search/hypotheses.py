@@ -114,7 +114,7 @@ class Hypothesis:
         shaped: Effects whose form may differ from the plain formula.
         usual: Relative standard deviations of time constants of which no tolerance is stated: they move only beside the
             effect that stands for them.
-        held: Effects whose coordinates stay at zero.
+        held: Effects whose coordinates stay at a value.
         given: Effect -> values of coordinates of its form that are known.
     """
 
@@ -124,13 +124,16 @@ class Hypothesis:
     scales: Scales = SMALL_ROTOR
     shaped: tuple[str, ...] = ()
     usual: Mapping[str, float] = field(default_factory=dict)
-    held: tuple[str, ...] = field(default=(), kw_only=True)
+    held: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     given: Mapping[str, Mapping[str, float]] = field(default_factory=dict, kw_only=True)
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
         own = (c for name in self.effects for c in coordinates_of(name, self.scales))
-        return tuple(replace(c, low=0.0, high=0.0) if c.effect in self.held else self._possible(c) for c in own)
+        held = self.held
+        return tuple(
+            replace(c, low=held[c.effect], high=held[c.effect]) if c.effect in held else self._possible(c) for c in own
+        )
 
     def _possible(self, c: Coordinate) -> Coordinate:
         """A coordinate within what the rig states, where it is one of several effects.

@@ -50,8 +50,8 @@ def test_an_axis_is_widened_by_its_own_misfit_once(monkeypatch):
     jacobian = np.concatenate([np.full(400, 50.0 + 0j), np.zeros(400)])[None]
     fit = Fit(hypothesis, np.zeros(1), residual, 1.0, jacobian)
     rig = load_rig("hmb_free")
-    (half,) = coefficients.coefficients_alone(rig, None, fit, [], 0.5)
-    (plain,) = coefficients.coefficients_alone(rig, None, replace(fit, residual=residual / 2), [], 0.5)
+    (half,) = coefficients.coefficients_of(rig, None, fit, [], 0.5)
+    (plain,) = coefficients.coefficients_of(rig, None, replace(fit, residual=residual / 2), [], 0.5)
     assert half.se == pytest.approx(2 * plain.se)
 
 
@@ -82,8 +82,7 @@ def test_each_axis_is_fitted_by_what_shows_along_it(monkeypatch, apart, differ):
         se = float(np.sqrt(fit.covariance()[0, 0])) * 10.0
         return (_gain(100 * (1 + 0.1 * float(fit.u[0])), se),)
 
-    for name in ("coefficients_of", "coefficients_alone"):
-        monkeypatch.setattr(axes_apart, name, told)
+    monkeypatch.setattr(axes_apart, "coefficients_of", told)
     rig = replace(load_rig("hmb_radial"), tolerance={})
     (found,), said = along_both(rig, problem, fit, [])
     assert bool(said) is differ

@@ -8,7 +8,7 @@ import pytest
 from sim2real.coefficients import least_spread
 from sim2real.search.fitting import begin, differentiate
 from sim2real.search.hypotheses import Hypothesis
-from sim2real.search.valleys import held_at_nominal
+from sim2real.search.valleys import held_aside
 
 FAR = 2.8  # relative change at which the fit ends
 BOTH = Hypothesis(("negative_stiffness", "support_stiffness"), {})
@@ -21,7 +21,7 @@ def ends_far(tells, far=FAR):
         changes = [[p.effects.get(name, {}).get("change", 0.0) for name in BOTH.effects] for p in points]
         return np.array([[1000 * (b - 0.1 * a), tells(a)] for a, b in changes], complex)
 
-    problem = SimpleNamespace(data=np.array([0.0, tells(far)], complex), simulate=simulate)
+    problem = SimpleNamespace(data=np.array([0.0, tells(far)], complex), simulate=simulate, parts=())
     u = [change / c.scale for change, c in zip((far, 0.1 * far), BOTH.coordinates, strict=True)]
     (fit,) = begin([BOTH], [np.array(u)], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
@@ -31,7 +31,7 @@ def ends_far(tells, far=FAR):
 def spread(tells):
     """Least relative standard errors of both changes, (2,); the held points are those of either."""
     problem, fit = ends_far(tells)
-    least = [least_spread(fit, point) for point in held_at_nominal(problem, fit)]
+    least = [least_spread(fit, point) for point in held_aside(problem, fit)]
     sd = np.maximum.reduce([np.sqrt(np.diag(fit.covariance())), *least])
     return sd * [c.scale for c in BOTH.coordinates]
 
@@ -52,4 +52,4 @@ def test_a_narrow_place_far_away_is_as_wide_as_the_valley_that_it_lies_in():
 
 
 def test_what_is_well_told_near_the_nominal_value_is_not_looked_at():
-    assert not held_at_nominal(*ends_far(lambda a: 100 * a, 0.1))
+    assert not held_aside(*ends_far(lambda a: 100 * a, 0.1))
