@@ -11,6 +11,7 @@ from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
 
 _POOL = 15  # lines over which the noise covariance is averaged; its own scatter falls to a few per cent
+_UNLIKELY = 0.01  # p-value of a residual that noise alone does not explain
 
 
 @dataclass(frozen=True)
@@ -100,46 +101,85 @@ def global_fit(statistics: LineStatistics) -> GlobalFit:
     if f.ndim != 1 or f.size < 4:
         raise ValueError(f"mass estimate: {f.size} lines; at least four excited lines are needed")
     w = 2 * np.pi * statistics.frequency
-    noise = _Noise(_pooled(statistics, "force", "force").real, _pooled(statistics, "displacement", "displacement").real,
-                   _pooled(statistics, "force", "displacement"))  # fmt: skip
+    noise = _noise(statistics)
     power = float(np.mean(np.abs(y) ** 2))
     start = _linear_start(f, y, w)
-    fit, ratio = _fit(f, y, w, noise, 0.0, start)
-    freedom = 2 * f.size - 3
-    extra = 0.0
-    if scipy.stats.f.sf(ratio, freedom, 2 * (statistics.periods - 1) * min(f.size, _POOL)) < 0.01:
+    fit = _fit(f, y, w, noise, 0.0, start)
+    ratio, extra = fit.ratio, 0.0
+    if _by_chance(fit, f.size, statistics.periods) < _UNLIKELY:
         low, high = power * 1e-14, power
-        path = [fit.x]
+        path = [fit.at]
 
         @cache  # begun from another fit the same variance may give another value, and then its sign
         def excess(log_variance: float) -> float:
-            trial, at = _fit(f, y, w, noise, np.exp(log_variance), path[-1])
-            path.append(trial.x)
-            return np.log(at)
+            trial = _fit(f, y, w, noise, np.exp(log_variance), path[-1])
+            path.append(trial.at)
+            return np.log(trial.ratio)
 
         if excess(np.log(low)) > 0:
             if excess(np.log(high)) > 0:
                 raise ValueError("mass estimate: no mass, stiffness and damping come near the record")
             root = scipy.optimize.brentq(excess, np.log(low), np.log(high), xtol=1e-3)
             extra = np.exp(root)  # pyright: ignore[reportArgumentType, reportCallIssue]  # scipy's full_output=True
-        fit, _ = _fit(f, y, w, noise, extra, path[-1])
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * 0.5
-    return GlobalFit(fit.x, covariance, float(ratio), float(np.sqrt(extra / power)))
+        fit = _fit(f, y, w, noise, extra, path[-1])
+    return GlobalFit(fit.at, fit.covariance, float(ratio), float(np.sqrt(extra / power)))
 
 
 @dataclass(frozen=True)
-class _Noise:
+class _Covariance:
     force: np.ndarray
     displacement: np.ndarray
     cross: np.ndarray
 
+    def of_misfit(self, z: np.ndarray, extra: float) -> np.ndarray:
+        """Variance of F - z Y (n,), with a further variance of the displacement."""
+        return self.force + np.abs(z) ** 2 * (self.displacement + extra) - 2 * np.real(np.conj(z) * self.cross)
 
-def _pooled(statistics: LineStatistics, a: str, b: str) -> NDArray[np.complex128]:
-    c = np.asarray(statistics.cross(a, b), dtype=np.complex128)
-    return np.asarray(
-        scipy.ndimage.uniform_filter1d(c.real, _POOL) + 1j * scipy.ndimage.uniform_filter1d(c.imag, _POOL),
-        dtype=np.complex128,
-    )
+
+@dataclass(frozen=True)
+class _Noise:
+    """Noise of the lines: their own, and its mean over neighbouring lines, which weights them."""
+
+    own: _Covariance
+    pooled: _Covariance
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """k, c and m, their covariance, the residual over the power expected of it, and the noise of each line over that
+    which weights it, for the real and the imaginary part (2 n,)."""
+
+    at: np.ndarray
+    covariance: np.ndarray
+    ratio: float
+    noise: np.ndarray
+
+
+def _noise(statistics: LineStatistics) -> _Noise:
+    def of(a: str, b: str) -> tuple[np.ndarray, np.ndarray]:
+        c = np.asarray(statistics.cross(a, b), dtype=np.complex128)
+        return c, scipy.ndimage.uniform_filter1d(c.real, _POOL) + 1j * scipy.ndimage.uniform_filter1d(c.imag, _POOL)
+
+    force, displacement = of("force", "force"), of("displacement", "displacement")
+    # A record without noise keeps a weight.
+    none = NOISELESS * np.mean(np.abs(statistics.amplitude("force")) ** 2)
+    return _Noise(*(
+        _Covariance(f.real + none, y.real, c)
+        for f, y, c in zip(force, displacement, of("force", "displacement"), strict=True)
+    ))  # fmt: skip
+
+
+def _by_chance(fit: _Fit, lines: int, periods: int) -> float:
+    """How likely noise alone leaves that much: the p-value of the residual power.
+
+    Numerator and denominator are sums over all lines, of fewer equal ones where the noise is not equal (Satterthwaite;
+    the square of a sample variance exceeds that of the true one by the factor 1 + 1 / (periods - 1)). The weights are
+    means over few lines, whose inverse is too large on average.
+    """
+    equal = min(periods / (periods - 1) * fit.noise.sum() ** 2 / (fit.noise**2).sum(), 2.0 * lines)
+    freedom = (periods - 1) * equal, 2 * (periods - 1) * min(lines, _POOL)
+    of_sum, of_weights = (n / (n - 2) for n in freedom)
+    return float(scipy.stats.f.sf(fit.ratio * of_sum / of_weights, max(equal - 3, 1.0), freedom[0]))
 
 
 def _linear_start(f: NDArray[np.complex128], y: NDArray[np.complex128], w: np.ndarray) -> np.ndarray:
@@ -149,24 +189,27 @@ def _linear_start(f: NDArray[np.complex128], y: NDArray[np.complex128], w: np.nd
     return np.linalg.lstsq(*real, rcond=None)[0] / scale
 
 
-def _fit(
-    f: np.ndarray, y: np.ndarray, w: np.ndarray, noise: _Noise, extra: float, start: np.ndarray
-) -> "tuple[scipy.optimize.OptimizeResult, float]":
-    """Levenberg-Marquardt search from `start` (k, c, m): the fit in SI units, and its residual over expected power."""
-    # A record without noise keeps a weight.
-    s_f = noise.force + NOISELESS * np.mean(np.abs(f) ** 2)
-    s_y = noise.displacement + extra
+def _fit(f: np.ndarray, y: np.ndarray, w: np.ndarray, noise: _Noise, extra: float, start: np.ndarray) -> _Fit:
+    """Levenberg-Marquardt search from `start` (k, c, m), in SI units.
+
+    The covariance holds although the noise differs between the lines over which the weights average it.
+    """
     scale = np.abs(start) + 1e-6 * np.abs(start[0]) / np.array([1.0, np.mean(w), np.mean(w**2)])
 
-    def residual(p: np.ndarray) -> np.ndarray:
+    def stiffness(p: np.ndarray) -> np.ndarray:
         k, c, m = p * scale
-        z = k - m * w**2 + 1j * w * c
-        variance = s_f + np.abs(z) ** 2 * s_y - 2 * np.real(np.conj(z) * noise.cross)
-        r = (f - z * y) / np.sqrt(variance)
+        return k - m * w**2 + 1j * w * c
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        z = stiffness(p)
+        r = (f - z * y) / np.sqrt(noise.pooled.of_misfit(z, extra))
         return np.concatenate([r.real, r.imag])
 
     fit = scipy.optimize.least_squares(residual, start / scale, method="lm", xtol=1e-12, ftol=1e-12)
-    ratio = 2 * fit.cost / (0.5 * (2 * f.size - 3))
-    fit.x = fit.x * scale
-    fit.jac = fit.jac / scale
-    return fit, ratio
+    z = stiffness(fit.x)
+    share = np.tile(noise.own.of_misfit(z, extra) / noise.pooled.of_misfit(z, extra), 2)
+    jac = fit.jac / scale
+    inverse = np.linalg.inv(jac.T @ jac)
+    middle = (jac.T * share) @ jac
+    expected = 0.5 * (share.sum() - np.trace(inverse @ middle))
+    return _Fit(fit.x * scale, 0.5 * inverse @ middle @ inverse, 2 * fit.cost / expected, share)

@@ -29,7 +29,7 @@ def test_exact_without_noise(k, c, m):
 
 def test_a_record_that_no_mass_explains_is_refused_in_words(monkeypatch):
     fitted = modal._fit
-    monkeypatch.setattr(modal, "_fit", lambda *args: (fitted(*args)[0], 10.0))  # whatever variance is added
+    monkeypatch.setattr(modal, "_fit", lambda *args: replace(fitted(*args), ratio=10.0))  # whatever variance is added
     with pytest.raises(ValueError, match="no mass, stiffness and damping come near"):
         modal_estimate(statistics(2471.0, 3.1, 0.13))
 
@@ -58,6 +58,42 @@ def test_standard_errors_cover(name):
         assert value.std() / np.sqrt(np.mean(se**2)) == pytest.approx(1, abs=0.12)
         assert abs(np.mean(np.abs(value - true) < 1.96 * se) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / records)
     assert np.mean([e.cost_ratio for e in found]) == pytest.approx(1, abs=0.04)
+
+
+def covered(found, k, c, m):
+    """Shares of the 95 % intervals of mass, stiffness and damping that hold the truth."""
+    truth = {"mass": m, "stiffness": k, "damping": c}
+    return [np.mean([abs(getattr(e, q) - v) < 1.96 * getattr(e, q + "_se") for e in found]) for q, v in truth.items()]
+
+
+@pytest.mark.parametrize("periods", [6, 10])
+def test_standard_errors_cover_where_the_noise_peaks_with_the_resonance(periods):
+    """A disturbing force alone: the displacement's noise is that of the resonance, which is narrower than the pool."""
+    k, c, m, f = 5e4, 5.0, 1.0, np.arange(1.0, 101.0)
+    w = 2 * np.pi * f
+    moved = 1 / (k - m * w**2 + 1j * w * c)
+    noise = np.zeros((2, 2, f.size))
+    noise[0, 0] = (0.05 * abs(moved)) ** 2 / periods
+    expected = two_channels(f, np.exp(0.1j * f**2), np.exp(0.1j * f**2) * moved, noise, periods)
+    found = estimates(draw(expected, 200, seed=31), 200)
+    assert min(covered(found, k, c, m)) > 0.90
+    assert np.mean([e.cost_ratio for e in found]) == pytest.approx(1, abs=0.05)
+    assert np.mean([e.discrepancy > 0 for e in found]) < 0.04
+
+
+def test_what_repeats_beside_noise_of_two_periods_is_seen():
+    k, c, m, f = 5e4, 200.0, 1.0, np.arange(1.0, 101.0)
+    w = 2 * np.pi * f
+    force, noise = np.exp(0.1j * f**2), 1e-7 / np.sqrt(2)
+    expected = two_channels(f, force, force / (k - m * w**2 + 1j * w * c), np.diag([noise**2, 0.0]), periods=2)
+    drawn, rng = draw(expected, 60, seed=33), np.random.default_rng(34)
+    white = rng.standard_normal((2, 60, f.size)) / np.sqrt(2)
+    repeating = noise * (white[0] + 1j * white[1])  # as large as the noise
+    bent = replace(drawn, mean=drawn.mean + np.stack([repeating, 0 * repeating], axis=1))
+    found = estimates(bent, 60)
+    assert np.mean([e.discrepancy > 0 for e in found]) > 0.9
+    assert min(covered(found, k, c, m)) > 0.86
+    assert np.mean([e.discrepancy > 0 for e in estimates(drawn, 60)]) < 0.06
 
 
 def test_noise_of_the_displacement_does_not_bias_the_mass():
