@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from estimation.actuator import ActuatorEstimate
 from estimation.lines.periods import LineStatistics
@@ -13,6 +14,7 @@ from estimation.normal import NORMAL_95
 GROWTH = 2 ** (1 / 3)  # from a band's lower to its upper edge, where it then holds enough lines
 LINES = 3  # least lines of a band of a record with a period
 TOLD = 0.5  # relative standard error from which a band tells nothing
+SURE = 0.95  # of the intervals of all bands together
 SURELY = 2.0  # standard errors from which a positive damping counts as damping
 
 
@@ -23,10 +25,12 @@ class BandGain:
     Attributes:
         f_lo, f_hi: Hz.
         frequency: Hz, where the band's power lies.
-        gain: Complex, N/A; a negative angle is late.
+        gain: Complex, N/A.
         size_se: Standard error of its size, N/A.
-        phase_se: Standard error of its angle, rad.
+        phase_se: Standard error of its phase, rad.
         of_each: Recording -> its own gain, where there are several; those that tell one.
+        sign: Of the one gain of all frequencies, beside which the phase is counted; -1 where a current in the opposite
+            direction makes the force.
     """
 
     f_lo: float
@@ -36,18 +40,31 @@ class BandGain:
     size_se: float
     phase_se: float
     of_each: Mapping[str, complex] = field(default_factory=dict)
+    sign: float = 1.0
 
     @property
     def size(self) -> tuple[float, float, float]:
         """Size and its 95 % interval, N/A."""
-        half = NORMAL_95 * self.size_se
-        return abs(self.gain), max(abs(self.gain) - half, 0.0), abs(self.gain) + half
+        return self.size_within(NORMAL_95)
 
     @property
     def phase(self) -> tuple[float, float, float]:
-        """Angle and its 95 % interval, degrees."""
-        angle, half = np.degrees(np.angle(self.gain)), np.degrees(NORMAL_95 * self.phase_se)
-        return float(angle), float(angle - half), float(angle + half)
+        """Phase and its 95 % interval, degrees; negative is late."""
+        return self.phase_within(NORMAL_95)
+
+    def size_within(self, errors: float) -> tuple[float, float, float]:
+        """Size and an interval of so many standard errors to either side, N/A."""
+        half = errors * self.size_se
+        return abs(self.gain), max(abs(self.gain) - half, 0.0), abs(self.gain) + half
+
+    def phase_within(self, errors: float) -> tuple[float, float, float]:
+        """Phase and an interval of so many standard errors to either side, degrees."""
+        angle, half = self.phase_of(self.gain), np.degrees(errors * self.phase_se)
+        return angle, float(angle - half), float(angle + half)
+
+    def phase_of(self, gain: complex) -> float:
+        """Phase of a gain of this band, degrees; negative is late."""
+        return float(np.degrees(np.angle(gain * self.sign)))
 
 
 @dataclass(frozen=True)
@@ -69,16 +86,37 @@ class ApparentGain:
     damping: float
 
     @property
+    def together(self) -> float:
+        """Standard errors to either side within which all bands lie with 95 % (Bonferroni).
+
+        One band picked out of many is the one that chance moved most, so that 95 % of each are not enough for it.
+        """
+        return float(scipy.stats.norm.isf((1 - SURE) / (2 * len(self.bands))))
+
+    @property
     def extremes(self) -> tuple[BandGain, BandGain] | None:
-        """The bands of largest and smallest gain, where their intervals are apart; None: one gain may do."""
+        """The bands of largest and smallest gain, where the gains of all bands surely differ; None: one gain may do."""
         largest, smallest = (pick(self.bands, key=lambda b: abs(b.gain)) for pick in (max, min))
-        return (largest, smallest) if largest.size[1] > smallest.size[2] else None
+        apart = largest.size_within(self.together)[1] > smallest.size_within(self.together)[2]
+        return (largest, smallest) if apart else None
 
     @property
     def latest(self) -> BandGain | None:
-        """The band that is latest, of those that are surely late; None where none is."""
-        late = [b for b in self.bands if b.phase[2] < 0]
+        """The band that is latest, of those that are surely late; None where none surely is."""
+        late = [b for b in self.bands if b.phase_within(self.together)[2] < 0]
         return min(late, key=lambda b: b.phase[0], default=None)
+
+
+def tells(noise: float, factor: complex, common: np.ndarray) -> bool:
+    """Whether a band tells a gain.
+
+    Args:
+        noise: Variance of the real part of the factor, by noise.
+        factor: The band's gain over the one gain of all frequencies.
+        common: Relative errors of its size that are not noise of the band.
+    """
+    # In bands of much noise those that chance made large would be picked if their own size were the measure.
+    return bool(np.sqrt(noise / min(abs(factor), 1.0) ** 2 + np.sum(common**2)) < TOLD)
 
 
 def edges(lowest: float, highest: float, narrowest: float) -> list[tuple[float, float]]:
@@ -139,13 +177,14 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
         centre = float(np.sum(weight * abs(moved) ** 2 * f[on]) / power)
         # What is left is also of a gain that changes in the band.
         left = abs(y[on] - factor * moved) ** 2 * moved.size / max(moved.size - 1, 1)
-        noise = float(max(np.sum(abs(share) ** 2 * v) for v in (variance, left)) / 2) / abs(factor) ** 2
-        known = np.array([actuator.stiffness_se, 2j * np.pi * centre * damping_se])
-        common = loose * known / np.mean(dynamic[on])
-        size, phase = (np.sqrt(noise + np.sum(part**2)) for part in (common.real, common.imag))
-        if size < TOLD:
-            gain = actuator.gain * factor
-            found.append(BandGain(low, high, centre, gain, float(size) * abs(gain), float(phase)))
+        noise = float(max(np.sum(abs(share) ** 2 * v) for v in (variance, left)) / 2)
+        known = np.stack([np.full(moved.size, actuator.stiffness_se), 1j * w[on] * damping_se])
+        common = loose * np.sum(known * share * moved / dynamic[on], axis=1)
+        if tells(noise, factor, common.real):
+            relative = noise / abs(factor) ** 2
+            size, phase = (np.sqrt(relative + np.sum(part**2)) for part in (common.real, common.imag))
+            gain, sign = actuator.gain * factor, float(np.sign(actuator.gain))
+            found.append(BandGain(low, high, centre, gain, float(size) * abs(gain), float(phase), sign=sign))
     if not found:
         return None
     return ApparentGain(tuple(found), actuator.stiffness, loose * actuator.stiffness_se, "identified", damping)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.apparent_gain import TOLD, ApparentGain, BandGain, edges
+from estimation.apparent_gain import ApparentGain, BandGain, edges, tells
 from estimation.lines.line_windows import WIDTH
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Part, Problem
@@ -170,13 +170,13 @@ def _band(
     relative = noise / abs(factor) ** 2
     size, phase = relative + np.sum(common.real**2), relative + np.sum(common.imag**2)
     # No iron or coil makes the gain grow so: what is seen there is no force of the current.
-    if not np.sqrt(size) < TOLD or abs(factor) > LARGEST:
+    if not tells(noise, factor, common.real) or abs(factor) > LARGEST:
         return None
-    sure = np.sqrt(variance) < TOLD * abs(each)
+    sure = [tells(own, one, np.zeros(0)) for own, one in zip(variance, each, strict=True)]
     own = {name: complex(gain * value) for name, value, tells in zip(names, each, sure, strict=True) if tells}
-    total = complex(gain * factor)
+    total, sign = complex(gain * factor), float(np.sign(gain))
     return BandGain(
-        float(low), float(high), centre, total, float(np.sqrt(size)) * abs(total), float(np.sqrt(phase)), own
+        float(low), float(high), centre, total, float(np.sqrt(size)) * abs(total), float(np.sqrt(phase)), own, sign
     )
 
 

@@ -42,12 +42,12 @@ def gain_line(found: ApparentGain) -> str:
     said = []
     if found.extremes is not None:
         said = [
-            f"{with_interval(*b.size)} N/A at {_span(b.f_lo, b.f_hi)}"
+            f"{with_interval(*b.size_within(found.together))} N/A at {_span(b.f_lo, b.f_hi)}"
             for b in sorted(found.extremes, key=lambda b: b.f_lo)
         ]
     text = f"actuator gain changes with frequency: {', '.join(said)}" if said else ""
     if (late := found.latest) is not None:
-        angle, low, high = late.phase
+        angle, low, high = late.phase_within(found.together)
         text += "; force" if text else "force"
         text += f" late by {with_interval(-angle, -high, -low)} degrees at {_span(late.f_lo, late.f_hi)}"
     return text and f"{text} (95 %)"
@@ -69,9 +69,7 @@ def gain_json(found: ApparentGain) -> dict[str, Any]:
                 "gain_interval": list(b.size[1:]),
                 "phase": b.phase[0],
                 "phase_interval": list(b.phase[1:]),
-                "recordings": {
-                    name: {"gain": abs(g), "phase": float(np.degrees(np.angle(g)))} for name, g in b.of_each.items()
-                },
+                "recordings": {name: {"gain": abs(g), "phase": b.phase_of(g)} for name, g in b.of_each.items()},
             }
             for b in found.bands
         ],
@@ -125,7 +123,8 @@ def _figure(found: ApparentGain) -> "Figure":
         for k, name in enumerate(names):
             own = np.array([b.of_each.get(name, np.nan) for b in found.bands], complex)
             line = {"width": 1, "color": (*COLOURS, "#CC79A7", "#E69F00", "#56B4E9")[1 + k % 5]}
-            for row, values in ((1, abs(own)), (2, np.degrees(np.angle(own)))):
+            phase = [b.phase_of(g) for b, g in zip(found.bands, own, strict=True)]
+            for row, values in ((1, abs(own)), (2, np.array(phase))):
                 values = np.where(np.isfinite(own), values, np.nan)
                 trace = Scatter(x=f, y=values, name=name, line=line, legendgroup=name, showlegend=row == 1,
                                 mode="lines", connectgaps=True)  # fmt: skip
