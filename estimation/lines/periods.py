@@ -144,12 +144,13 @@ def split_periods(signals: np.ndarray, samples_per_period: int) -> np.ndarray:
     return whole.reshape(len(signals), periods, samples_per_period).transpose(1, 0, 2)
 
 
-def period_drift(spectra: np.ndarray, w: np.ndarray) -> tuple[float, float] | None:
+def period_drift(spectra: np.ndarray, w: np.ndarray, at: Sequence[int] | None = None) -> tuple[float, float] | None:
     """Drift of the phases of periods, as of a clock that is not that of the excitation.
 
     Args:
         spectra: of one channel, (periods, n).
         w: of the lines (n,), radians per sample.
+        at: Numbers of the periods, increasing, where some are left out; None: one after the other.
 
     Returns:
         Samples per period by which the periods run ahead, and the standard error; None where it is not told.
@@ -160,27 +161,30 @@ def period_drift(spectra: np.ndarray, w: np.ndarray) -> tuple[float, float] | No
     loud = size > FAINT * size.max(initial=0.0)
     spectra, w = spectra[:, loud], w[loud]
     middle = spectra[len(spectra) // 2]
-    at, weight = np.arange(len(spectra)) - len(spectra) // 2, np.abs(middle) ** 2
-    # Neighbouring periods first, so that the phase of no line turns by more than half a turn.
-    turned = (spectra[1:] * spectra[:-1].conj()).sum(axis=0)
+    numbers = np.arange(len(spectra)) if at is None else np.asarray(at)
+    since, weight = numbers - numbers[len(spectra) // 2], np.abs(middle) ** 2
+    # The periods nearest to one another first, so that the phase of no line turns by more than half a turn.
+    apart = np.diff(numbers)
+    nearest = apart.min()
+    turned = (spectra[1:] * spectra[:-1].conj())[apart == nearest].sum(axis=0)
     power = (weight * w**2).sum()
     if not power:
         return None
     first = 0.0
     for some in (w <= np.quantile(w, 1 / 3), np.ones(w.size, bool)):  # low lines turn least
-        steps = np.angle(turned * np.exp(-1j * w * first))
+        steps = np.angle(turned * np.exp(-1j * w * first * nearest)) / nearest
         first += float((weight * w * steps)[some].sum() / (weight * w**2)[some].sum())
-    rest = np.angle(spectra * np.exp(-1j * np.outer(at * first, w)) * middle.conj())
-    shift = (weight * w * rest).sum(axis=1) / power + at * first
+    rest = np.angle(spectra * np.exp(-1j * np.outer(since * first, w)) * middle.conj())
+    shift = (weight * w * rest).sum(axis=1) / power + since * first
     left = np.abs(spectra - middle * np.exp(1j * np.outer(shift, w))) ** 2
     if (left.sum(axis=1) > LEFT * weight.sum()).any():
         return None
-    slope, ahead = np.polyfit(at, shift, 1)
-    off = shift - slope * at - ahead
+    slope, ahead = np.polyfit(since, shift, 1)
+    off = shift - slope * since - ahead
     # Few periods scatter by chance less than the noise of their lines lets them.
-    noise = (weight * w**2 * left / 2).sum() / len(at) / power**2
-    scatter = max((off**2).sum() / max(len(at) - 2, 1), noise)
-    return float(slope), float(np.sqrt(scatter / ((at - at.mean()) ** 2).sum()))
+    noise = (weight * w**2 * left / 2).sum() / len(since) / power**2
+    scatter = max((off**2).sum() / max(len(since) - 2, 1), noise)
+    return float(slope), float(np.sqrt(scatter / ((since - since.mean()) ** 2).sum()))
 
 
 def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:

@@ -27,18 +27,19 @@ def clocks(view: View) -> list[Finding]:
         return []
     kept, w = _kept(view), 2 * np.pi * lines_at(view.excitations) * view.block[1] / view.block[0]
     late = [p for p in kept if p >= view.lines.first]  # a rotor may still ring, or a drift look like that
-    of = {}
+    of: dict[str, tuple[float, float]] = {}
     for name in sorted(view.recorded & set(view.blocks[0])):
-        if found := period_drift(_spectra(view, name, kept), w) or period_drift(_spectra(view, name, late), w):
-            of[name] = found
-    worst = None
+        for some in (kept, late):
+            if name not in of and (found := period_drift(_spectra(view, name, some), w, some)):
+                of[name] = found
+    worst, lasting = None, kept[-1] - kept[0] + 1 if kept else 0
     for one, other in combinations(of, 2):
         (a, a_se), (b, b_se) = of[one], of[other]
         error = np.hypot(a_se, b_se)
-        if abs(a - b) * len(kept) > APART and abs(a - b) > CLEAR * error and (worst is None or abs(a - b) > worst[0]):
+        if abs(a - b) * lasting > APART and abs(a - b) > CLEAR * error and (worst is None or abs(a - b) > worst[0]):
             worst = abs(a - b), error
     if worst is None:
-        return _all_apart(view, list(of.values()), len(kept))
+        return _all_apart(view, list(of.values()), lasting)
     middle = float(np.median([a for a, _ in of.values()]))
     alone = [n for n, (a, se) in of.items() if abs(a - middle) > CLEAR * se and abs(a - middle) > 0.5 * worst[0]]
     names = alone if len(of) > 2 and len(alone) == 1 else list(of)

@@ -230,6 +230,17 @@ def test_a_clock_that_runs_ahead_is_told_by_its_periods(samples):
     assert abs(slope - samples) < 4 * error < 1e-3
 
 
+@pytest.mark.parametrize("kept", [[1, 3, 5, 7, 9], [1, 2, 3, 4, 8, 9], [0, 2, 3, 9]])
+def test_periods_that_are_left_out_leave_the_drift_of_the_others_as_it_is(kept):
+    spectra, w = shifted(0.05, 10, np.arange(5, 300, 7))
+    rng = np.random.default_rng(4)
+    found = np.array([
+        period_drift((spectra + 1e-3 * noise(rng, spectra.shape))[kept], w, kept) for _ in range(100)
+    ])  # fmt: skip
+    assert np.mean(abs(found[:, 0] - 0.05) < 3 * found[:, 1]) > 0.9
+    assert abs(found[:, 0].mean() - 0.05) < 4 * found[:, 0].std() / 10 and found[:, 1].max() < 1e-3
+
+
 def test_the_error_of_a_drift_is_never_far_below_its_scatter():
     """Of few periods the scatter about a line may be nothing by chance; the noise of the lines still is there."""
     spectra, w = shifted(0.1, 4, np.arange(5, 105, 5))

@@ -45,6 +45,13 @@ def test_a_channel_of_another_clock_is_named_with_its_rate(ppm):
     assert found.channel == "displacement or force" and "ppm" in found.message
 
 
+def test_a_period_that_is_left_out_leaves_the_rate_of_a_clock_as_it_is():
+    rng = np.random.default_rng(9)
+    seen = view(force=channel(rng), displacement=channel(rng), current=channel(rng, 100.0))
+    (found,) = clocks(replace(seen, left_out=frozenset({2})))
+    assert found.interval[0] < 100.0 < found.interval[1] and found.value == pytest.approx(100.0, rel=0.05)
+
+
 @pytest.mark.parametrize("ppm", [200.0, -900.0])
 def test_a_recorder_whose_clock_is_not_that_of_the_excitation_is_named(ppm):
     rng = np.random.default_rng(7)
