@@ -22,6 +22,7 @@ POOLED = 5  # windows whose noise is pooled
 NOISE_ALONE = (0.40, 0.49)  # of the sample rate: where a signal is taken to be noise alone
 LEAST_FREEDOM = 3  # directions of a window that tell its noise at least, however many excitations there are
 _RANK = 1e-6  # share of the strongest direction below which the excitation of a window adds no direction of its own
+_ROUNDING = 1e-13  # share of an excitation's norm over all windows that may be rounding
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,8 @@ class LineWindows:
         """Parts of projected spectra (..., count, KEPT) that a local polynomial response would explain.
 
         It has TERMS for each excitation, or fewer where so many excitations would leave less than LEAST_FREEDOM
-        directions for noise. Dropping the weakest directions instead would depend on the excitations' units.
+        directions for noise. Dropping the weakest directions instead would depend on the excitations' units; so would
+        what counts as no direction, were the excitations not compared as shares of their norms over all windows.
 
         Args:
             projected: see `project`.
@@ -114,11 +116,12 @@ class LineWindows:
         driven = np.atleast_3d(excitation.T).T if excitation.ndim == 2 else excitation
         terms = max(min(TERMS, (KEPT - LEAST_FREEDOM) // len(driven)), 1)
         powers = np.linspace(-1, 1, WIDTH)[:, None] ** np.arange(terms)
-        inputs = np.moveaxis(driven, 0, -1)  # (count, WIDTH, inputs)
+        norm = np.linalg.norm(driven.reshape(len(driven), -1), axis=1)[:, None, None]
+        inputs = np.moveaxis(driven / np.where(norm > 0, norm, 1.0), 0, -1)  # (count, WIDTH, inputs)
         columns = (inputs[..., None] * powers[:, None, :]).reshape(self.count, WIDTH, -1)
         columns = np.swapaxes(np.swapaxes(columns, 1, 2) @ self.directions, 1, 2)
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
-        kept = s > _RANK * s[:, :1]
+        kept = s > np.maximum(_RANK * s[:, :1], _ROUNDING)
         u = np.where(kept[:, None, :], u, 0.0)
         if self.turned is not None:
             u = np.einsum("wkj,wkl->wjl", np.conj(self.turned), u)

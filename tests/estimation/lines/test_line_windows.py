@@ -63,6 +63,21 @@ def test_noise_under_as_many_drives_as_two_axes_have_keeps_directions_of_its_own
     assert np.median(left.variance) == pytest.approx(1e-4 * 4 / SAMPLES, rel=0.2)
 
 
+def test_the_noise_beside_excitations_of_other_sizes_does_not_depend_on_their_units():
+    """A force of 1 N and a reference of half a micrometre, which both move the rotor; a third one is silent."""
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(7)
+    force, reference = rng.normal(size=SAMPLES), 5e-7 * rng.normal(size=SAMPLES)
+    reading = windows.spectrum(1e-6 * force + reference + 1e-9 * rng.normal(size=SAMPLES))
+    drives = windows.spectrum(np.stack([force, reference, np.zeros(SAMPLES)]))
+    told = windows.noise(reading, drives)
+    assert (told.rank == 2 * TERMS).all()
+    assert np.median(told.variance) == pytest.approx(1e-18 * 4 / SAMPLES, rel=0.1)
+    scaled = windows.noise(reading, drives * np.array([1e-3, 1e6, 1.0])[:, None, None])
+    np.testing.assert_allclose(scaled.variance, told.variance, rtol=1e-6)
+    push = windows.spectrum(np.eye(1, SAMPLES)[0])  # at the first sample: a transient, the projection leaves rounding
+    assert (windows.noise(reading, np.stack([*drives[:2], push])).rank == 2 * TERMS).all()
+
+
 def test_projection_keeps_the_variance_of_each_coordinate_and_no_quadratic():
     windows = line_windows(SAMPLES, RATE, (2.0, 400.0))
     line = np.linspace(-1, 1, WIDTH)
