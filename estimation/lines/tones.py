@@ -14,6 +14,8 @@ MOST = 8  # tones per record
 REACH, FURTHER = 0.7, 1.0  # bins, see `remove_tones`
 ON_LINE = 0.01  # bins from a line within which a tone is the same to it
 CLOSE = 8  # bins around a tone that hold no more than noise once it is removed
+HALF = 0.5  # bins of a period, from a line to where another one is nearer
+ROUNDING = 1e-12  # of a reading, below which its noise is not to be compared with anything
 BESIDE, SWEEPS = 4.0, 12  # bins within which tones take from each other, and rounds in which these are fitted again
 
 
@@ -24,7 +26,8 @@ class Tone:
     Attributes:
         frequency: Hz.
         amplitude: Complex amplitudes (axes,) by channel.
-        chi2: Power of the displacement over that of its noise, as a chi-square of two degrees of freedom per axis.
+        chi2: Power of the displacement over that of its noise, of each axis over its own, as a chi-square of two
+            degrees of freedom per axis.
     """
 
     frequency: float
@@ -52,7 +55,11 @@ def remove_tones(
     bins: list[float] = []  # of the whole record, where tones are
     chi2: list[float] = []
     amplitudes: list[dict[str, np.ndarray]] = []
-    first: list[float] = []  # squared sizes as they were found
+    weights: list[np.ndarray] = []  # of each axis, by its noise there
+    first: list[float] = []  # squared sizes, so weighted, as they were found
+
+    def size(i: int) -> float:
+        return float((weights[i] * abs(amplitudes[i]["displacement"]) ** 2).sum())
 
     def shift(i: int, sign: float) -> None:
         """Take a tone away, or put it back."""
@@ -66,6 +73,7 @@ def remove_tones(
             break
         bins.append(peak[0])
         chi2.append(peak[1])
+        weights.append(peak[2])
         amplitudes.append({name: np.zeros(len(values), complex) for name, values in cleaned.items()})
         # Tones that are hardly apart take from each other: each is fitted again beside the others (J. Li and P. Stoica,
         # IEEE Transactions on Signal Processing 44, 1996).
@@ -73,13 +81,12 @@ def remove_tones(
         for _ in range(SWEEPS if len(beside) > 1 else 1):
             for i in reversed(beside):
                 shift(i, 1.0)
-                bins[i], amplitudes[i] = _refined(cleaned, bins[i], per_period, reach)
+                bins[i], amplitudes[i] = _refined(cleaned, bins[i], weights[i], per_period, reach)
                 shift(i, -1.0)
                 if i == len(first):
-                    first.append(float((abs(amplitudes[i]["displacement"]) ** 2).sum()))
+                    first.append(size(i))
     # What a neighbour had lent to a tone is no evidence of it.
-    size = [float((abs(a["displacement"]) ** 2).sum()) for a in amplitudes]
-    chi2 = [c * now / was for c, now, was in zip(chi2, size, first, strict=True)]
+    chi2 = [c * size(i) / was for i, (c, was) in enumerate(zip(chi2, first, strict=True))]
     least = _significant(total // 2, len(cleaned["displacement"]))
     for i, c in enumerate(chi2):
         if c < least:
@@ -94,13 +101,13 @@ def _significant(bins: int, axes: int) -> float:
 
 
 def _refined(
-    channels: Mapping[str, np.ndarray], at: float, per_period: int, reach: float
+    channels: Mapping[str, np.ndarray], at: float, weights: np.ndarray, per_period: int, reach: float
 ) -> tuple[float, dict[str, np.ndarray]]:
-    """Bin and amplitudes of the tone near a bin."""
+    """Bin and amplitudes of the tone near a bin; `weights` are those of the axes."""
     total = channels["displacement"].shape[1]
     rest = _without_period(channels["displacement"], per_period)
     refined = scipy.optimize.minimize_scalar(
-        lambda f: -_energy(rest, f, per_period, total),
+        lambda f: -float(weights @ _energy(rest, f, per_period, total)),
         bounds=(at - reach, at + reach),
         method="bounded",
         options={"xatol": 1e-4},
@@ -114,30 +121,34 @@ def _without_period(values: np.ndarray, per_period: int) -> np.ndarray:
     return (periods - periods.mean(axis=1, keepdims=True)).reshape(values.shape)
 
 
-def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float] | None:
-    """Bin (of the whole record) of the strongest significant tone between harmonics, and its chi-square."""
+def _strongest(values: np.ndarray, per_period: int) -> tuple[float, float, np.ndarray] | None:
+    """Bin (of the whole record) of the strongest significant tone between harmonics, its chi-square, and weights
+    (axes,) in proportion to one over the noise of each axis there."""
     total = values.shape[1]
     count = total // per_period
     if count < 3:
         return None
     bins, p, level = _around(values, per_period)
-    ratio = 2 * p / level
+    ratio = (2 * p / level).sum(axis=0)
     at = int(np.argmax(ratio))
     if ratio[at] < _significant(ratio.size, len(values)):
         return None
-    return float(bins[at]), float(ratio[at])
+    return float(bins[at]), float(ratio[at]), level[:, at].min() / level[:, at]
 
 
 def _around(values: np.ndarray, per_period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bins between the harmonics, their power, and the power of the noise around them."""
+    """Bins between the harmonics, their power along each axis (axes, n), and the power of the noise around them."""
     count = values.shape[1] // per_period
-    power = (abs(np.fft.rfft(_without_period(values, per_period), axis=1)) ** 2).sum(axis=0)
-    between = np.arange(power.size) % count != 0
+    power = abs(np.fft.rfft(_without_period(values, per_period), axis=1)) ** 2
+    between = np.arange(power.shape[1]) % count != 0
     between[: count // 2] = False  # slow drift is not a tone
-    p = power[between]
-    middle = scipy.ndimage.median_filter(p, 2 * NEIGHBOURS + 1, mode="reflect")
-    level = middle / (scipy.stats.chi2.median(2 * len(values)) / 2)
-    return np.flatnonzero(between), p, np.maximum(level, np.finfo(float).tiny)
+    p = power[:, between]
+    middle = np.stack([scipy.ndimage.median_filter(own, 2 * NEIGHBOURS + 1, mode="reflect") for own in p])
+    rounding = ROUNDING**2 * (values**2).sum(axis=1, keepdims=True)
+    # Each axis has its own noise: that of the louder one would hide a tone of the other.
+    level = np.maximum(middle / (scipy.stats.chi2.median(2) / 2), rounding)
+    silent = np.where(level > 0, level, np.inf).min(initial=np.inf)  # an axis without any reading hides nothing
+    return np.flatnonzero(between), p, np.where(level > 0, level, silent if np.isfinite(silent) else 1.0)
 
 
 def tone_at(values: np.ndarray, frequency: float, per_period: int, rate: float) -> tuple[np.ndarray, float]:
@@ -145,14 +156,14 @@ def tone_at(values: np.ndarray, frequency: float, per_period: int, rate: float) 
 
     Returns:
         amplitude: Complex amplitudes (axes,).
-        chi2: Their power over that of the surrounding noise, as a chi-square of two degrees of freedom per axis.
+        chi2: Their power over that of the surrounding noise, as `Tone.chi2`.
     """
     total = values.shape[1]
     bins, _, level = _around(values, per_period)
     at = frequency * total / rate
     amplitude = _amplitude(_without_period(values, per_period), at, per_period, total)
-    noise = level[int(np.argmin(abs(bins - at)))]
-    return amplitude, float(2 * (abs(amplitude * total / 2) ** 2).sum() / noise)
+    noise = level[:, int(np.argmin(abs(bins - at)))]
+    return amplitude, float(2 * (abs(amplitude * total / 2) ** 2 / noise).sum())
 
 
 def _columns(frequency: float, per_period: int, total: int) -> np.ndarray:
@@ -166,9 +177,9 @@ def _fit(rest: np.ndarray, frequency: float, per_period: int, total: int) -> tup
     return np.linalg.lstsq(columns @ columns.T, right, rcond=1e-9)[0], right
 
 
-def _energy(rest: np.ndarray, frequency: float, per_period: int, total: int) -> float:
+def _energy(rest: np.ndarray, frequency: float, per_period: int, total: int) -> np.ndarray:
     coefficients, right = _fit(rest, frequency, per_period, total)
-    return float((coefficients * right).sum())
+    return (coefficients * right).sum(axis=0)
 
 
 def _amplitude(rest: np.ndarray, frequency: float, per_period: int, total: int) -> np.ndarray:
@@ -188,12 +199,14 @@ def stands_alone(cleaned: np.ndarray, tone: Tone, per_period: int, rate: float) 
     bins, power, _ = _around(cleaned, per_period)
     total = cleaned.shape[1]
     close = np.argsort(abs(bins - tone.frequency * total / rate))[:CLOSE]
-    level = power[close].mean() / len(cleaned)
-    size = (abs(tone.amplitude["displacement"] * total / 2) ** 2).sum()
-    return bool(2 * size >= _significant(total // 2, len(cleaned)) * level)
+    level = np.maximum(power[:, close].mean(axis=1), np.finfo(float).tiny)
+    size = (abs(tone.amplitude["displacement"] * total / 2) ** 2 / level).sum()
+    return bool(2 * size >= _significant(total // 2, len(cleaned)))
 
 
-def beside_tone(statistics: LineStatistics, tone: Tone, amplitude: np.ndarray, shown: Sequence[int]) -> LineStatistics:
+def beside_tone(
+    statistics: LineStatistics, tone: Tone, amplitude: np.ndarray, shown: Sequence[int], duration: float
+) -> LineStatistics:
     """Statistics of a record without a tone, with what that leaves uncertain at the line nearest to it.
 
     Over P periods a line S and a tone that turns by the angle t per period are S + B e^(j p t): the nearer the tone
@@ -206,11 +219,15 @@ def beside_tone(statistics: LineStatistics, tone: Tone, amplitude: np.ndarray, s
         tone: What was removed.
         amplitude: Its amplitudes (channels,).
         shown: Channels by which its frequency was told.
+        duration: Of one of the P periods, s: a multiple of that of the excitation where this is no whole number of
+            samples. A tone nearer to a line of such a period that is no line of the excitation is beside none.
     """
     at = int(np.argmin(abs(statistics.frequency - tone.frequency)))
-    spacing = float(statistics.frequency[0] / statistics.lines[0])
+    away = abs(tone.frequency - statistics.frequency[at]) * duration
+    if away > HALF:
+        return statistics
     p = np.arange(statistics.periods) - (statistics.periods - 1) / 2
-    off = max(abs(tone.frequency - statistics.frequency[at]) / spacing, ON_LINE / p.size)
+    off = max(away, ON_LINE / p.size)
     both = np.stack([np.ones(p.size), np.exp(2j * np.pi * off * p)], axis=1)
     apart = 1 / (1 - abs(both.mean(axis=0)[1]) ** 2)
     moved, *_ = np.linalg.lstsq(both, p * both[:, 1], rcond=None)

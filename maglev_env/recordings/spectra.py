@@ -194,7 +194,7 @@ def _periodic(signals: RecordedSignals) -> tuple[LineStatistics, int, int, tuple
     for tone in found:
         amplitude = np.concatenate(list(tone.amplitude.values()))
         if tone.frequency < statistics.frequency[-1] + periodic[0].fundamental / 2:
-            statistics = beside_tone(statistics, tone, amplitude, moved)
+            statistics = beside_tone(statistics, tone, amplitude, moved, per_period / signals.sample_rate)
     return statistics, dropped, stack.shape[1] % per_period, tuple(found), fast
 
 

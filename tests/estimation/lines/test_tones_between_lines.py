@@ -127,6 +127,23 @@ def test_two_axes_have_a_tone_in_common():
     assert y.real == pytest.approx(-0.2, abs=0.04) and abs(x - 0.03) < 0.04
 
 
+def test_each_axis_is_compared_with_its_own_noise():
+    """Beside an axis with a thousand times its noise, a tone is found as in the quiet one alone, and noise has none."""
+    rng = np.random.default_rng(15)
+    for _ in range(12):
+        values = rng.standard_normal((2, TOTAL)) * np.array([[1.0], [1e-3]])
+        assert found_in(values)[1] == []
+        values[1] += 1e-3 * sine(52.7, 0.2, rng.uniform(-3, 3))
+        _, (tone,) = found_in(values)
+        (alone,) = found_in(values[1])[1]
+        assert tone.frequency == pytest.approx(alone.frequency, abs=0.1 * RESOLUTION)
+        assert tone.chi2 == pytest.approx(alone.chi2, rel=0.2)
+        both, quiet = (tone_at(v, 52.7, PER_PERIOD, RATE)[1] for v in (values, values[1:]))
+        assert both == pytest.approx(quiet, rel=0.2)
+    silent = np.stack([values[1], 0 * values[1]])
+    assert found_in(silent)[1][0].frequency == pytest.approx(alone.frequency, abs=1e-3 * RESOLUTION)
+
+
 def test_no_more_tones_are_looked_for_than_records_have():
     rng = np.random.default_rng(6)
     many = sum(sine(f, 2.0) for f in 101.0 + 62.0 * np.arange(MOST + 3))
@@ -165,7 +182,7 @@ def test_what_a_tone_leaves_uncertain_of_the_line_beside_it_is_what_scatters(off
         cleaned, (tone,) = found_in(values)
         periods = [period_spectra(p, lines) for p in split_periods(cleaned["displacement"], PER_PERIOD)]
         s = line_statistics(periods, 8.0, lines, ("displacement",))
-        wide = beside_tone(s, tone, tone.amplitude["displacement"], [0])
+        wide = beside_tone(s, tone, tone.amplitude["displacement"], [0], PER_PERIOD / RATE)
         errors.append(s.mean[0] - period_spectra(clean[None, :PER_PERIOD], lines)[0])
         claimed.append(wide.cross("displacement", "displacement"))
         scatter.append(s.cross("displacement", "displacement"))
@@ -175,3 +192,23 @@ def test_what_a_tone_leaves_uncertain_of_the_line_beside_it_is_what_scatters(off
     np.testing.assert_array_equal(np.array(claimed)[:, ~here], np.array(scatter)[:, ~here])
     if off == 0.04:
         assert (real > 5 * np.mean(scatter, axis=0))[here].all()  # which the periods do not show
+
+
+@pytest.mark.parametrize("off", [0.03, 0.15])
+def test_periods_of_several_excitation_periods_tell_a_tone_from_a_line_as_their_length_does(off):
+    """A period of the excitation that is no whole number of samples: four of them are, and a tone turns four times as
+    far; one that is nearer to a line of the four than to one of the excitation leaves that as it is."""
+    rng, every, lines, at = np.random.default_rng(10), 4, np.arange(1, 6), 3
+    fundamental = every * RATE / PER_PERIOD
+    clean = sine(fundamental * 2, 0.3) + sine(fundamental * at, 0.5, 1.0)
+    errors, claimed = [], []
+    for _ in range(40):
+        values = clean + sine(fundamental * (at + off), 3.0, rng.uniform(-3, 3)) + rng.standard_normal(TOTAL)
+        cleaned, (tone,) = found_in(values)
+        periods = [period_spectra(p, lines * every) for p in split_periods(cleaned["displacement"], PER_PERIOD)]
+        s = line_statistics(periods, fundamental, lines, ("displacement",))
+        wide = beside_tone(s, tone, tone.amplitude["displacement"], [0], PER_PERIOD / RATE)
+        errors.append((s.mean[0] - period_spectra(clean[None, :PER_PERIOD], lines * every)[0])[at - 1])
+        claimed.append(wide.cross("displacement", "displacement")[at - 1])
+        assert (off > 0.125) == np.array_equal(wide.covariance, s.covariance)
+    assert np.median(claimed) == pytest.approx(np.mean(np.abs(errors) ** 2), rel=0.5)
