@@ -81,7 +81,7 @@ def measured_at_mode(
     """
     known = (block, w, mass, prior, prior_variance)
     found, cost = _searched(*known, prior)
-    if cost > 4 * w.size:  # twice its mean over 2 n degrees of freedom
+    if cost > 4 * np.count_nonzero(np.isfinite(block.noise)):  # twice its mean over 2 n degrees of freedom
         displacement, force, noise = map(np.asarray, (block.displacement, block.force, block.noise))
         squares = np.abs(displacement) ** 2 / noise
         lines = np.conj(displacement) * force / noise

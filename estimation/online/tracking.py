@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike
 from estimation.online.change_charts import ChangeCharts
 from estimation.online.line_block import Block, checked_block, measured_at_mode
 
+LEAST = 1e-6  # of the scatter of a line, that is noise of the displacement whatever the force's is stated to be
+
 
 @dataclass(frozen=True)
 class TrackerSettings:
@@ -178,7 +180,8 @@ def track(
         time: Ends (blocks,) of the blocks, s.
         force: As in `Block`; broadcast with displacement.
         displacement: Amplitudes (blocks, n), m.
-        noise: As in `Block`; broadcast with displacement. None: `noise_from_scatter`, constant over the record.
+        noise: As in `Block`; broadcast with displacement. None: `noise_from_scatter`, constant over the record, without
+            what the noise of the force has added to it.
         force_noise: As in `Block`; broadcast with displacement.
 
     Raises:
@@ -199,7 +202,9 @@ def track(
                 f"{displacement.shape}"
             ) from None
     if noise is None:
-        given["noise"] = np.broadcast_to(noise_from_scatter(given["force"], displacement), displacement.shape)
+        scatter = noise_from_scatter(given["force"], displacement)
+        of_force = np.median(given["force_noise"] * np.abs(displacement / given["force"]) ** 2, axis=0)
+        given["noise"] = np.broadcast_to(np.maximum(scatter - of_force, LEAST * scatter), displacement.shape)
     tracker = Tracker(settings, frequency)
     states = [
         tracker.update(Block(float(t), *block))

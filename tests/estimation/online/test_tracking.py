@@ -149,6 +149,32 @@ def test_unbiased_where_half_the_power_is_noise():
     assert error[1] < 0.005 and abs(mean[1]) < 0.015
 
 
+def test_noise_of_the_force_counts_once_where_that_of_the_displacement_is_told_by_the_scatter():
+    rng, blocks, variance = np.random.default_rng(17), 200, 1e-3**2
+    y = response(np.full(blocks, STIFFNESS), DAMPING) + complex_noise(rng, (blocks, W.size), 1e-18)
+    read = FORCE + complex_noise(rng, y.shape, variance)
+    time = TIME_STEP * np.arange(1, blocks + 1)
+    found = track(SETTINGS, FREQUENCY, time, read, y, force_noise=variance)
+    known = track(SETTINGS, FREQUENCY, time, read, y, noise=1e-18, force_noise=variance)
+    assert np.mean(known.chi_square / known.freedom) == pytest.approx(1, abs=0.05)
+    assert np.mean(found.chi_square / found.freedom) == pytest.approx(1, abs=0.1)
+    assert found.stiffness_se[-1] == pytest.approx(known.stiffness_se[-1], rel=0.1)
+
+
+@pytest.mark.parametrize("left_out", [0, 16, 20])
+def test_a_far_stiffness_is_found_beside_lines_that_are_left_out(left_out):
+    """Noise of infinite variance is as if the lines were not there: they make no fit better."""
+    used = np.arange(W.size) < W.size - left_out
+    noise, rng, off = np.where(used, NOISE, np.inf), np.random.default_rng(18), []
+    for stiffness in (9e4, 6e4, 1.5e4, -1e4, -3e4):
+        y = response(stiffness, DAMPING, 0.03 * FORCE)[0]
+        y = y + complex_noise(rng, W.size, NOISE)
+        all_lines = Tracker(SETTINGS, FREQUENCY).update(Block(0.0, 0.03 * FORCE, y, noise))
+        alone = Tracker(SETTINGS, FREQUENCY[used]).update(Block(0.0, 0.03 * FORCE[used], y[used], NOISE))
+        off.append(all_lines.stiffness / alone.stiffness - 1)
+    assert off == pytest.approx(np.zeros(5), abs=1e-3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("strength, known", [(1.0, True), (1.0, False), (0.1, True)])
 def test_intervals_cover_a_wandering_truth(strength, known):
