@@ -67,7 +67,8 @@ def smooth_responses(frequency: Array, response: Complex, variance: Array) -> tu
     Args:
         frequency: Increasing, (f,), Hz, f >= 4.
         response: (n, f).
-        variance: Of its noise, E|noise|^2, (n, f). A response without any noise is returned unchanged.
+        variance: Of its noise, E|noise|^2, (n, f). A response without any noise is returned unchanged,
+            and so is one that is not finite, whose variance is then nan.
     """
     noise = np.ascontiguousarray(np.maximum(variance, FLOOR * variance.max(axis=1, keepdims=True)))
     curve, share = np.array(response, complex, order="C"), np.ones(noise.shape)  # written in place, as flat arrays
@@ -162,7 +163,10 @@ def _kernel() -> Callable[..., None]:
                     after, step = False, max(0, best - hop)
                 else:
                     after, step = True, min(WIDTHS - 1, best + hop)
-            for i in range(n):
-                y[i], share[lane * n + i] = best_curve[i], best_share[i]
+            if least < np.inf:
+                for i in range(n):
+                    y[i], share[lane * n + i] = best_curve[i], best_share[i]
+            else:
+                share[lane * n : (lane + 1) * n] = np.nan
 
     return compiled(smooth, fast=False)

@@ -81,6 +81,18 @@ def test_any_layout_of_the_arrays_gives_the_same_and_no_noise_changes_nothing():
     assert np.array_equal(same[[0, 2]], wanted[[0, 2]])
 
 
+def test_a_response_that_is_not_finite_has_no_curve_and_leaves_the_others_theirs():
+    variance = np.full((3, FREQUENCY.size), 1e-4)
+    noisy = np.stack([loop_gain(), 2 * loop_gain(), 3 * loop_gain()]) + noise(variance.shape, variance)
+    broken = noisy.copy()
+    broken[1, 7] = np.nan
+    expected, curves = smooth_responses(FREQUENCY, noisy, variance), smooth_responses(FREQUENCY, broken, variance)
+    np.testing.assert_array_equal(curves[0][1], broken[1])
+    assert np.isnan(curves[1][1]).all()
+    for found, whole in zip(curves, expected, strict=True):
+        np.testing.assert_array_equal(found[[0, 2]], whole[[0, 2]])
+
+
 def test_the_uncertainty_of_the_softest_line_is_its_own():
     """The dynamic stiffness of a slow loop spans three decades, and noise hides its stiff end."""
     f = np.arange(2.0, 250.0)
