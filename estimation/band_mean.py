@@ -115,7 +115,8 @@ def band_mean(
     def mean(coefficients: np.ndarray, square: float) -> BandMean:
         value, se = float(coefficients[0]), float(np.sqrt(square))
         curve = legval(GRID, coefficients)
-        return BandMean(value, se, value - reach * se, value + reach * se, (float(curve.min()), float(curve.max())))
+        inside = (float(curve.min()), float(curve.max())) if degree else None
+        return BandMean(value, se, value - reach * se, value + reach * se, inside)
 
     k, c = np.split(found.x * size, 2)
     return mean(k, covariance[0, 0]), mean(c, covariance[degree + 1, degree + 1])

@@ -67,7 +67,7 @@ def _taken(
 def _who_takes(taken: np.ndarray, speeds: Sequence[float | tuple[float, float]], lines: np.ndarray) -> str:
     parts = []
     for row, speed in zip(taken, speeds, strict=True):
-        name = " to ".join(f"{s:g}" for s in speed) if isinstance(speed, Sequence) else f"{speed:g}"
+        name = " to ".join(f"{s:g}" for s in np.atleast_1d(speed))
         which = lines[row]
         shown = ", ".join(map(str, which[:10])) + (f" and {which.size - 10} more" if which.size > 10 else "")
         parts.append(f"{name} rpm takes {'lines ' + shown if which.size else 'none'}")

@@ -63,6 +63,9 @@ def test_the_range_is_that_of_the_curve_inside_the_band():
     k, c = band_mean(statistics(np.random.default_rng(0), 1e-5), BAND, MASS, (3.3e4, 12.0))
     assert k.range == pytest.approx((stiffness(60.0), stiffness(75.0)), rel=2e-3)
     assert k.range[0] < k.value < k.range[1] and c.range[0] < c.value < c.range[1]
+    whole = statistics(np.random.default_rng(0), 1e-5)
+    few = whole.at_lines(whole.lines[:4])  # too few for more than constants
+    assert band_mean(few, few.frequency[[0, -1]] + [-0.5, 0.5], MASS, (3.3e4, 12.0))[0].range is None
 
 
 @pytest.mark.parametrize(("noise", "distortion"), [(0.05, 0.0), (1e-4, 0.05)])

@@ -35,6 +35,11 @@ def test_a_line_at_the_clearance_stays_and_one_on_a_harmonic_falls():
     assert lines_off_spin(lines, 0.1, [600], [1], 0.11, least=1).tolist() == [98, 102]
 
 
+def test_ranges_of_speed_may_be_rows_of_an_array():
+    with pytest.raises(ValueError, match="5000 to 9000 rpm takes"):
+        lines_off_spin([1, 2], 100.0, np.array([[5000, 9000]]), [1], 1.0)
+
+
 def test_too_few_names_the_speeds_and_their_lines():
     with pytest.raises(ValueError) as caught:
         lines_off_spin(np.arange(10, 22), 10.0, [8000, (6000, 7200), 60000], [1], 8.0)
