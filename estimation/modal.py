@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from estimation.lines.frequency_response import mean_of_neighbours
 from estimation.lines.periods import LineStatistics
 from estimation.normal import NOISELESS
 
@@ -158,7 +159,7 @@ class _Fit:
 def _noise(statistics: LineStatistics) -> _Noise:
     def of(a: str, b: str) -> tuple[np.ndarray, np.ndarray]:
         c = np.asarray(statistics.cross(a, b), dtype=np.complex128)
-        return c, scipy.ndimage.uniform_filter1d(c.real, _POOL) + 1j * scipy.ndimage.uniform_filter1d(c.imag, _POOL)
+        return c, mean_of_neighbours(c, _POOL)
 
     force, displacement = of("force", "force"), of("displacement", "displacement")
     # A record without noise keeps a weight.

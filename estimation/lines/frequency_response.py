@@ -33,7 +33,25 @@ def frequency_response(statistics: LineStatistics, output: str, source: str) -> 
         cross = statistics.cross(output, source)
         variance = statistics.cross(output, output) + np.abs(g) ** 2 * statistics.cross(source, source)
         variance = (variance - 2 * np.real(np.conj(g) * cross)) / np.abs(u) ** 2
+    if not u.all():
+        g, variance = np.where(u == 0, np.nan, g), np.where(u == 0, np.nan, variance)
     return g, variance
+
+
+def mean_of_neighbours(values: np.ndarray, lines: int) -> np.ndarray:
+    """Values (..., n), real or complex, averaged over that many neighbouring lines, an odd number.
+
+    Values that are not finite stay as they are and are left out of the means of the others. Each mean is a sum of its
+    own: a running one would carry the rounding of a large value to all later lines.
+    """
+    weights = np.full(lines, 1 / lines)
+    if np.isfinite(values.sum()):
+        return scipy.ndimage.convolve1d(values, weights, axis=-1)
+    known = np.isfinite(values)
+    with np.errstate(invalid="ignore"):  # a line without any known neighbour is not known
+        mean = scipy.ndimage.convolve1d(np.where(known, values, 0.0), weights, axis=-1)
+        mean = mean / scipy.ndimage.convolve1d(known.astype(float), weights, axis=-1)
+    return np.where(known, mean, values)
 
 
 def pooled_variance(variance: np.ndarray) -> np.ndarray:
@@ -42,7 +60,7 @@ def pooled_variance(variance: np.ndarray) -> np.ndarray:
     A variance estimated from P periods scatters with 2 (P - 1) degrees of freedom; intervals that treat it as exact
     cover too little.
     """
-    return scipy.ndimage.uniform_filter1d(variance, POOL, axis=-1)
+    return mean_of_neighbours(variance, POOL)
 
 
 def loop_variance(frequency: np.ndarray, sensitivity: np.ndarray, variance: np.ndarray) -> np.ndarray:

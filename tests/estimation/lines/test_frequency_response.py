@@ -11,6 +11,7 @@ from estimation.lines.frequency_response import (
     frequency_response,
     instrumented_response,
     loop_variance,
+    pooled_variance,
 )
 from estimation.lines.periods import LineStatistics, line_statistics, period_spectra
 
@@ -40,8 +41,21 @@ def test_variance_of_the_response_by_simulation():
 def test_a_source_without_power_gives_nan():
     silent = two_channels([1.0, 2.0], [0.0, 1.0], [1.0, 1.0], [[1, 0], [0, 0]])
     g, variance = frequency_response(silent, "displacement", "force")
-    assert not np.isfinite(g[0]) and not np.isfinite(variance[0])
+    assert np.isnan(g[0]) and np.isnan(variance[0])
     assert g[1] == 1 and variance[1] == 1
+
+
+@pytest.mark.parametrize("large", [1e-4, np.nan, np.inf])
+def test_a_line_unlike_the_others_moves_the_means_of_its_neighbours_alone(large):
+    variance = np.random.default_rng(0).uniform(1e-22, 2e-22, (2, 60))
+    variance[1, 20] = large
+    pooled = pooled_variance(variance)
+    for lane in (0, 1):
+        for i in range(3, 57):
+            around = variance[lane, i - 3 : i + 4]
+            expected = around[np.isfinite(around)].mean() if np.isfinite(variance[lane, i]) else variance[lane, i]
+            assert pooled[lane, i] == pytest.approx(expected, rel=1e-12, nan_ok=True)
+    assert pooled[0, :3] == pytest.approx([np.mean(variance[0, [*range(3 - i), *range(4 + i)]]) for i in range(3)])
 
 
 def test_noise_in_a_loop_biases_the_plain_ratio_but_not_the_instrumented_one():
