@@ -9,7 +9,7 @@ import scipy
 
 from estimation.actuator import ActuatorEstimate
 from estimation.lines.periods import LineStatistics
-from estimation.normal import NORMAL_95
+from estimation.normal import NORMAL_95, variance_of_difference
 
 GROWTH = 2 ** (1 / 3)  # from a band's lower to its upper edge, where it then holds enough lines
 LINES = 3  # least lines of a band of a record with a period
@@ -168,7 +168,7 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
         # A line beside a tone that nothing excites, such as that of a turning rotor, has far more noise than the others
         # and power of its own. The others count alike, since few periods tell the noise of each line badly.
         for _ in range(2):
-            variance = of_y[on] + abs(factor) ** 2 * of_x[on] - 2 * (np.conj(factor) * shared[on]).real
+            variance = variance_of_difference(of_y[on], of_x[on], shared[on], factor)
             usual = np.median(variance)
             weight = usual / np.maximum(variance, usual) if usual > 0 else np.ones(moved.size)
             power = np.sum(weight * abs(moved) ** 2)

@@ -22,7 +22,7 @@ from numpy.polynomial.legendre import legval, legvander
 
 from estimation.bands import band_slices
 from estimation.lines.periods import LineStatistics
-from estimation.normal import NOISELESS
+from estimation.normal import NOISELESS, variance_of_difference
 
 DEGREE = 2
 SPARE = 4  # lines beyond one for each coefficient of k, so that what is left tells the distortion
@@ -79,7 +79,7 @@ def band_mean(
     moves = np.hstack([shape, 1j * w[:, None] * shape]) * size
 
     def variance(z: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-        return sff + floor + abs(z) ** 2 * (syy + distortion) - 2 * np.real(np.conj(z) * sfy)
+        return variance_of_difference(sff + floor, syy + distortion, sfy, z)
 
     def left(parameters: np.ndarray, distortion: np.ndarray) -> np.ndarray:
         z = moves @ parameters - mass * w**2

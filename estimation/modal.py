@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.lines.frequency_response import mean_of_neighbours
 from estimation.lines.periods import LineStatistics
-from estimation.normal import NOISELESS
+from estimation.normal import NOISELESS, variance_of_difference
 
 _POOL = 15  # lines over which the noise covariance is averaged; its own scatter falls to a few per cent
 _UNLIKELY = 0.01  # p-value of a residual that noise alone does not explain
@@ -134,7 +134,7 @@ class _Covariance:
 
     def of_misfit(self, z: np.ndarray, extra: float) -> np.ndarray:
         """Variance of F - z Y (n,), with a further variance of the displacement."""
-        return self.force + np.abs(z) ** 2 * (self.displacement + extra) - 2 * np.real(np.conj(z) * self.cross)
+        return variance_of_difference(self.force, self.displacement + extra, self.cross, z)
 
 
 @dataclass(frozen=True)

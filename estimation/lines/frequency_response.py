@@ -7,6 +7,7 @@ import scipy
 
 from estimation.lines.curves import smooth_response
 from estimation.lines.periods import LineStatistics
+from estimation.normal import variance_of_difference
 
 POOL = 7  # neighbouring lines whose noise is averaged
 LOCAL, CURVE = 6, 4  # neighbouring lines through which a cubic of log frequency is laid
@@ -30,9 +31,8 @@ def frequency_response(statistics: LineStatistics, output: str, source: str) -> 
     y, u = statistics.amplitude(output), statistics.amplitude(source)
     with np.errstate(divide="ignore", invalid="ignore"):
         g = y / u
-        cross = statistics.cross(output, source)
-        variance = statistics.cross(output, output) + np.abs(g) ** 2 * statistics.cross(source, source)
-        variance = (variance - 2 * np.real(np.conj(g) * cross)) / np.abs(u) ** 2
+        noise = (statistics.cross(a, b) for a, b in ((output, output), (source, source), (output, source)))
+        variance = variance_of_difference(*noise, g) / np.abs(u) ** 2
     if not u.all():
         g, variance = np.where(u == 0, np.nan, g), np.where(u == 0, np.nan, variance)
     return g, variance
