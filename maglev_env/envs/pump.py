@@ -16,8 +16,8 @@ class PumpRotorEnv(RigEnv):
     """Tune both controllers of a free rotor in two magnetic bearings; one step is one run-up with identification.
 
     The rotor has five degrees of freedom, spins, is unbalanced and can touch down. At every speed of the ladder the
-    simulation starts with the rotor at rest in the centre. At standstill and at the top speed it is identified with
-    forward-rotating currents.
+    simulation starts with the rotor at rest in the centre. At standstill and at the top speed, or at the
+    next multiple of 500 rpm below it, it is identified with forward-rotating currents.
 
     ## Action space
     `Box(-1, 1, (k,), float32)`, one element per gain in `tuned` of the first controller and then of the second, mapped

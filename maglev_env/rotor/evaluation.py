@@ -122,6 +122,12 @@ def _target(pickled: bytes) -> ScoreTarget:  # a rotor holds mappings and has no
     return ScoreTarget(found.stiffness, found.damping, t.peak_sensitivity, axis.clearance, t.current_limit, axis.gap)
 
 
+def identified_speeds(speeds: np.ndarray, protocol: Protocol = PROTOCOL) -> np.ndarray:
+    """Speeds (k,) rpm, sorted, at which a run-up at some speeds (s,) rpm is identified: standstill and near the top."""
+    top = float(speeds[abs(speeds).argmax()])
+    return np.unique([0.0, protocol.clear_speed(top)])
+
+
 def evaluate_rotors(
     rotors: Sequence[Rotor],
     speeds: np.ndarray = SPEEDS,
@@ -136,15 +142,16 @@ def evaluate_rotors(
     Args:
         rotors: The rotors.
         speeds: Speeds of the run-up, rpm.
-        id_speeds: Speeds of the identifications, rpm; by default standstill and the top speed.
+        id_speeds: Speeds of the identifications, rpm, clear of the protocol's lines (`Protocol.clear`); by default
+            standstill and the next clear speed at or below the top speed.
         protocol: The identification experiment.
         seed: One for all, or one for each rotor; a rotor's result depends on its seed alone.
         threads: Number of threads; results do not depend on it.
         target: By default each rotor's own `rotor_target`; when gains are compared, give that of the preset gains.
 
     Raises:
-        ValueError: No rotors, controllers of two kinds, speeds that are not finite, a target for other id_speeds, or as
-            `run_up` and `rotor_target`.
+        ValueError: No rotors, controllers of two kinds, speeds that are not finite, id_speeds that are not clear of the
+            lines, a target for other id_speeds, or as `run_up` and `rotor_target`.
     """
     if not rotors:
         raise ValueError("rotors: give at least one")
@@ -152,7 +159,9 @@ def evaluate_rotors(
         raise ValueError("rotors: their controllers must all act on translation and tilt, or all on a and b")
     speeds = checked_speeds("speeds", speeds)
     top = speeds[abs(speeds).argmax()]
-    at = np.unique([0.0, top]) if id_speeds is None else checked_speeds("id_speeds", id_speeds)
+    at = identified_speeds(speeds, protocol) if id_speeds is None else checked_speeds("id_speeds", id_speeds)
+    for one in at:
+        protocol.check_clear(one)
     if target is not None and np.shape(target.stiffness) != (at.size, len(MODES)):
         raise ValueError(f"target: its stiffness is not one per speed and mode; make it for {at.tolist()} rpm")
     seeds = seeds_of(seed, len(rotors))
@@ -211,7 +220,8 @@ def _scored(
     every = terms(target, stiffness, damping, sensitivity, peak[:, None, None], current[:, None, None])
     worst = {name: values.min(axis=(1, 2)) for name, values in every.items()}
     peak_sensitivity = sensitivity.max(axis=(1, 2))
-    time, speed = _touchdown(up, at, sensitivity, (protocol.settle + protocol.periods) / protocol.fundamental)
+    length = np.array([protocol.settling(rotor) + protocol.periods for rotor in rotors]) / protocol.fundamental
+    time, speed = _touchdown(up, at, sensitivity, length)
     feasible = np.isnan(time) & (radius < 1).all(axis=1)
     clearance = [rotor.axis.clearance for rotor in rotors]
     return RotorEvaluation(
@@ -232,8 +242,8 @@ def _scored(
     )
 
 
-def _touchdown(up: RunUp, at: np.ndarray, sensitivity: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time (n,) s and speed (n,) rpm of the touchdown, nan without one; length is that of the identification, s."""
+def _touchdown(up: RunUp, at: np.ndarray, sensitivity: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Time (n,) s and speed (n,) rpm of the touchdown, nan without one; length: of the identifications, (n,), s."""
     order = np.argsort(abs(up.speed_rpm), kind="stable")
     lowest = order[up.touched_down[:, order].argmax(axis=1)]
     time = np.fmin.reduce(up.first_contact, axis=2)[np.arange(len(lowest)), lowest]

@@ -2,11 +2,13 @@
 
 The injection rotates forward. In isotropic bearings the complex displacement x + i y then responds at that frequency
 alone, and (k - M w^2 + I_p speed w + i w c) Q = F keeps each mode a single degree of freedom while the rotor spins. The
-lines lie half-way between multiples of twice the fundamental, where such a speed has no harmonics.
+lines lie half-way between multiples of twice the fundamental, where a speed of such a multiple has no harmonics; at
+other speeds the unbalance would be read as an answer to the injection.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 import scipy
@@ -19,12 +21,14 @@ from maglev_env.loop.gains import controller_response
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import control_matrices, held_current, mechanics, rejection_response
 from maglev_env.rotor.rotor import Rotor
-from maglev_env.rotor.simulate import Spun, reduced
+from maglev_env.rotor.run_up import waiting
+from maglev_env.rotor.simulate import Spun, alike, reduced, shared_rate
 
 MODES = ("translation", "tilt")
 UNITS = {"translation": ("N/m", "N s/m"), "tilt": ("N m/rad", "N m s/rad")}
 TOP = 2000.0  # highest line, Hz; the loop's crossings lie below it
 DENSITY = 26  # lines per controller, with a constant ratio between neighbours
+NOT_CLEAR = 1e-6  # of `Protocol.clear`: of speeds that are nearer to a multiple, rounding is left
 
 
 def period_samples(rotor: Rotor, fundamental: float) -> int:
@@ -68,7 +72,7 @@ class Protocol:
     Attributes:
         fundamental: Hz; the lines are odd multiples of it.
         amplitude: Peak of the injection at each controller, A.
-        settle: Periods to settle.
+        settle: Periods to settle, beside those of a force rejection.
         periods: Periods that are kept.
         band: Band in which coefficients are estimated, Hz.
     """
@@ -78,6 +82,28 @@ class Protocol:
     settle: int = 2
     periods: int = 4
     band: tuple[float, float] = (60.0, 180.0)
+
+    @property
+    def clear(self) -> float:
+        """Speed (rpm) no harmonic of a multiple of which falls on a line: twice the fundamental."""
+        return 120 * self.fundamental
+
+    def clear_speed(self, speed_rpm: float) -> float:
+        """The next clear speed (rpm) at a speed or between it and standstill."""
+        return round(int(speed_rpm / self.clear * (1 + 1e-12)) * self.clear, 6)
+
+    def check_clear(self, speed_rpm: float) -> None:
+        """Raise ValueError unless a speed (rpm) is clear of the lines."""
+        turns = speed_rpm / self.clear
+        if abs(turns - round(turns)) > NOT_CLEAR:
+            raise ValueError(
+                f"identification at {speed_rpm:g} rpm: harmonics of the rotation fall between and onto the injected "
+                f"lines; give a multiple of {self.clear:.10g} rpm, e.g. {self.clear_speed(speed_rpm):.10g}"
+            )
+
+    def settling(self, rotor: Rotor) -> int:
+        """Periods to settle, with those in which the rotor's force rejection finds the unbalance."""
+        return self.settle + ceil(waiting(rotor) * self.fundamental)
 
     def samples(self, rotor: Rotor) -> int:
         """Control samples per period.
@@ -131,19 +157,38 @@ class RotorIdentification:
 def identify_runs(
     runs: Sequence[Run], protocol: Protocol = Protocol(), threads: int | None = None
 ) -> RotorIdentification:
-    """Inject, record and estimate each run separately. Runs share the control rate and how their controllers act."""
-    rotor = runs[0].rotor
-    n = protocol.samples(rotor)
-    waves = protocol.injection(rotor)
-    measured = reduced(
-        runs, protocol.periods * n, lambda spun, _: _spectra(spun, n), protocol.settle * n, waves, threads=threads
-    )
-    spectra = np.concatenate(list(measured))  # (n, periods, 4, lines)
-    drive = np.fft.rfft(waves, axis=-1) * (2 / n)
-    found = [_of_run(run, one, drive, protocol, n) for run, one in zip(runs, spectra, strict=True)]
+    """Inject, record and estimate each run separately; a run's result does not depend on the others.
+
+    Args:
+        runs: The runs; they share the control rate and what their controllers act on.
+        protocol: The identification experiment.
+        threads: Number of threads; results do not depend on it.
+
+    Raises:
+        ValueError: Control rates differ, a period is not whole, or a speed is not clear of the lines.
+    """
+    shared_rate([run.rotor for run in runs])
+    for run in runs:
+        protocol.check_clear(run.speed_rpm)
+    found: list[tuple] = [()] * len(runs)
+    # Currents that push a rotor without turning it are others where the planes are others.
+    for some in alike([(protocol.settling(r.rotor), control_matrices(r.rotor)[1].tobytes()) for r in runs]):
+        for i, one in zip(some, _identified([runs[i] for i in some], protocol, threads), strict=True):
+            found[i] = one
     columns = [np.array([f[i] for f in found]) for i in range(6)]
     frequency = tuple(lines * protocol.fundamental for lines in protocol.lines)
     return RotorIdentification(*columns, frequency, tuple(np.array([f[6][c] for f in found]) for c in range(2)))
+
+
+def _identified(runs: Sequence[Run], protocol: Protocol, threads: int | None) -> list[tuple]:
+    """As `_of_run`, of runs that settle for the same time and whose controllers drive their planes in the same way."""
+    rotor = runs[0].rotor
+    n, waves = protocol.samples(rotor), protocol.injection(rotor)
+    settle = protocol.settling(rotor) * n
+    measured = reduced(runs, protocol.periods * n, lambda spun, _: _spectra(spun, n), settle, waves, threads=threads)
+    spectra = np.concatenate(list(measured))  # (n, periods, 4, lines)
+    drive = np.fft.rfft(waves, axis=-1) * (2 / n)
+    return [_of_run(run, one, drive, protocol, n) for run, one in zip(runs, spectra, strict=True)]
 
 
 def _spectra(spun: Spun, n: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from maglev_env.rotor.linear import control_matrices
 from maglev_env.rotor.loop_quantities import PLANES, Found
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.run_up import SETTLE, waiting
-from maglev_env.rotor.simulate import STATES, Spun, spin
+from maglev_env.rotor.simulate import STATES, Spun, alike, spin
 from maglev_lanes.layout import row
 
 FOLLOWED = 3.0  # a time is followed for so many times its limit, and an impulse for as long as
@@ -39,13 +39,25 @@ def large_signal_quantities(
         seeds: Of the noise, n.
         threads: Number of threads.
     """
+    found: list[dict[str, Found]] = [{} for _ in rotors]
+    for some in alike([waiting(rotor) for rotor in rotors]):
+        own = _settled_alike(goal, [rotors[i] for i in some], speeds, [seeds[i] for i in some], threads)
+        for i, one in zip(some, own, strict=True):
+            found[i] = one
+    return found
+
+
+def _settled_alike(
+    goal: Goal, rotors: Sequence[Rotor], speeds: np.ndarray, seeds: Sequence[tuple[int, ...]], threads: int | None
+) -> list[dict[str, Found]]:
+    """As `large_signal_quantities`, of rotors that are waited for equally long."""
     runs = [
         Run(one, float(v), (*seed, 2, j)) for one, seed in zip(rotors, seeds, strict=True) for j, v in enumerate(speeds)
     ]
     found: list[dict[str, Found]] = [{} for _ in rotors]
     peaks, s = np.zeros((len(rotors), len(speeds), 2)), len(speeds)
     at, rate = tuple(map(float, speeds)), rotors[0].axis.control_rate
-    settle = round((SETTLE + waiting(rotors)) * rate)
+    settle = round((SETTLE + waiting(rotors[0])) * rate)
     loads = {kind: one for kind, one in goal.events.items() if kind != "lift_off"}
     if loads:
         times = {kind: STRUCK if kind == "impulse" else FOLLOWED * one.limit for kind, one in loads.items()}

@@ -8,6 +8,7 @@ rotation are fitted together; the tracker continues from block to block.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import control_matrices, control_response, held_current, mechanics, sampled
 from maglev_env.rotor.operating_point import at_operating_point
 from maglev_env.rotor.rotor import CONTROLS, Rotor
+from maglev_env.rotor.run_up import waiting
 from maglev_env.rotor.simulate import spin
 
 ORDERS = (1, 2, 3)  # harmonics of the rotation
@@ -35,7 +37,7 @@ class MonitorPlan:
         fundamental: Hz; one period of it is a block.
         amplitude: Peak of the injection in each direction, A.
         band: Band of its lines, Hz.
-        settle: Blocks before the first one that is used.
+        settle: Blocks before the first one that is used, beside those of a force rejection.
         drift: Relative drift of stiffness and damping per square root of a second.
         false_alarm_blocks: As in `TrackerSettings`.
     """
@@ -127,7 +129,8 @@ def monitor(
     _, out = control_matrices(before)
     injection = out[:, :2] @ turning(wave)
     runs = [Run(rotor, speed_rpm, (seed, stage)) for stage, rotor in enumerate((before, after))]
-    probes = _recorded(runs, (change, blocks - change), plan.settle, injection)
+    settle = plan.settle + ceil(waiting(before) * f0)
+    probes = _recorded(runs, (change, blocks - change), settle, injection)
     f = lines * f0
     spin_hz = spin_speed(probes[0, 0], rate, f, speed_rpm / 60, ORDERS[:1])
     displacement = motion(before, forward(lines_beside_spin(probes, rate, f, spin_hz, ORDERS).amplitude), f)[:, 0]

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.rotor import Rotor
-from maglev_env.rotor.simulate import Spun, reduced
+from maglev_env.rotor.simulate import Spun, alike, reduced, shared_rate
 
 SPEEDS = np.arange(0.0, 14_001.0, 500.0)  # rpm, as in the dissertation (D 3.5)
 SETTLE, MEASURE = 0.36, 0.24  # s; the measured time holds whole turns at every multiple of 250 rpm
@@ -89,22 +89,25 @@ def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0
         threads: Number of threads.
 
     Raises:
-        ValueError: Speeds that are not finite numbers, or wrong seeds.
+        ValueError: No rotors, rotors of other control rates, speeds that are not finite numbers, or wrong seeds.
     """
     seeds = seeds_of(seed, len(rotors))
-    speeds = checked_speeds("speeds", speeds)
+    speeds, rate = checked_speeds("speeds", speeds), shared_rate(rotors)
     runs = [Run(r, float(v), (*s, j)) for r, s in zip(rotors, seeds, strict=True) for j, v in enumerate(speeds)]
-    rate = rotors[0].axis.control_rate
-    settle = round((SETTLE + waiting(rotors)) * rate)
-    parts = list(reduced(runs, round(MEASURE * rate), _measured, settle, threads=threads))
-    columns = [np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(RunUp)[1:]]
+    settle = [round((SETTLE + waiting(run.rotor)) * rate) for run in runs]
+    groups, parts = alike(settle), []
+    for some in groups:
+        own = [runs[i] for i in some]
+        parts += reduced(own, round(MEASURE * rate), _measured, settle[some[0]], threads=threads)
+    order = np.argsort(np.concatenate(groups))
+    columns = [np.concatenate([getattr(p, f.name) for p in parts])[order] for f in fields(RunUp)[1:]]
     shape = len(rotors), speeds.size
     return RunUp(speeds, *(c.reshape(*shape, *c.shape[1:]) for c in columns))
 
 
-def waiting(rotors: Sequence[Rotor]) -> float:
-    """Time (s) in which the slowest force rejection of some rotors finds the unbalance; 0 without one."""
-    return max((DECAYS / rotor.rejection.rate for rotor in rotors if rotor.rejection), default=0.0)
+def waiting(rotor: Rotor) -> float:
+    """Time (s) in which a rotor's force rejection finds the unbalance; 0 without one."""
+    return DECAYS / rotor.rejection.rate if rotor.rejection else 0.0
 
 
 def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:

@@ -1,6 +1,6 @@
 """Simulation of free rotors in lanes: as recordings, or reduced block by block."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import TypeVar
 
@@ -9,6 +9,7 @@ import numpy as np
 from maglev_env.rotor import rows as r
 from maglev_env.rotor.kernel import TILE, kernel
 from maglev_env.rotor.lanes import Run, block
+from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.rows import CHANNELS
 from maglev_lanes.layout import LANES, row
 from maglev_lanes.threads import over_threads
@@ -87,10 +88,7 @@ def reduced(
     Raises:
         ValueError: Runs differ in control rate, or a waveform or start has the wrong shape.
     """
-    if not runs:
-        raise ValueError("give at least one run")
-    if len({run.rotor.axis.control_rate for run in runs}) > 1:
-        raise ValueError("runs in one batch must share their control rate")
+    shared_rate([run.rotor for run in runs])
     waves = [
         _repeated(wave, rows, settle + samples, name)
         for wave, rows, name in ((force, 5, "force"), (injection, 4, "injection"))
@@ -107,6 +105,26 @@ def reduced(
         return reduce(_spun(runs[some], samples, settle, waves, substeps, begun), runs[some])
 
     yield from over_threads(work, blocks, threads)
+
+
+def shared_rate(rotors: Sequence[Rotor]) -> float:
+    """The control rate of all rotors of a batch, Hz.
+
+    Raises:
+        ValueError: There are none, or they differ in it.
+    """
+    rates = {rotor.axis.control_rate for rotor in rotors}
+    if len(rates) != 1:
+        raise ValueError("rotors in one batch must share their control rate" if rates else "give at least one run")
+    return rates.pop()
+
+
+def alike(values: Sequence[Hashable]) -> list[list[int]]:
+    """Positions of equal values together: what differs among runs that are otherwise one batch is done in turn."""
+    found: dict[Hashable, list[int]] = {}
+    for i, value in enumerate(values):
+        found.setdefault(value, []).append(i)
+    return list(found.values())
 
 
 def _repeated(wave: np.ndarray | None, rows: int, samples: int, name: str) -> np.ndarray:

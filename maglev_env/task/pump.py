@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from maglev_env.evaluation.score import ScoreTarget
-from maglev_env.rotor.evaluation import RotorEvaluation, evaluate_rotors, rotor_target
+from maglev_env.rotor.evaluation import RotorEvaluation, evaluate_rotors, identified_speeds, rotor_target
 from maglev_env.rotor.identification import MODES
 from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.task.gain_box import TUNED, GainBox
@@ -182,7 +182,7 @@ def make_rotor_task(
         raise ValueError(f"speeds = {speeds!r}; give one or more different finite numbers, rpm")
     loaded = controlled(loaded, control)
     box = rotor_box(loaded, control, tuned, bounds)
-    at = tuple(map(float, np.unique([0.0, ladder[abs(ladder).argmax()]])))
+    at = tuple(identified_speeds(ladder).tolist())
     layout = RotorLayout(
         tuple(map(float, ladder)), at, tuple(loaded.gains), box.names, rotor_target(loaded, at), budget
     )

@@ -9,7 +9,8 @@ import numpy as np
 from estimation.iso_14839 import iso_14839_2_zone
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rotor.identification import Protocol, RotorIdentification, identify_runs
+from maglev_env.rotor.evaluation import identified_speeds
+from maglev_env.rotor.identification import RotorIdentification, identify_runs
 from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles, probe_readings, unbalance_response, undamped_frequencies
 from maglev_env.rotor.rotor import Rotor
@@ -79,12 +80,9 @@ class Report:
 
 def report(rotor: Rotor, speeds: np.ndarray, seed: int, threads: int | None) -> Report:
     """Run up, and identify at standstill and near the top speed, where no harmonic of the rotation is on a line."""
-    protocol = Protocol()
-    clear = 120 * protocol.fundamental  # rpm: no harmonic of a multiple of it falls on a line
-    top = float(speeds[abs(speeds).argmax()])
-    at = tuple(dict.fromkeys((0.0, round(int(top / clear * (1 + 1e-12)) * clear, 6))))
+    at = tuple(sorted(identified_speeds(speeds).tolist(), key=abs))
     runs = [Run(rotor, v, (seed, 1, i)) for i, v in enumerate(at)]
-    return Report(rotor, seed, run_up([rotor], speeds, seed, threads), at, identify_runs(runs, protocol, threads))
+    return Report(rotor, seed, run_up([rotor], speeds, seed, threads), at, identify_runs(runs, threads=threads))
 
 
 def readings(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
