@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import ceil, log2
 
 import numpy as np
 
@@ -10,11 +11,13 @@ from maglev_env.lane_values import LaneValues
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import Rig
 from maglev_env.rotor import rows as r
-from maglev_env.rotor.linear import LEAST_LAG, control_matrices, controllers, rejection_gain
+from maglev_env.rotor.linear import LEAST_LAG, at_planes, control_matrices, controllers, rejection_gain
 from maglev_env.rotor.rotor import Rotor
 from maglev_lanes.layout import LANES, LaneRows
 
 REACH = 0.98  # of the gap: nearer to a pole its field is no law's any more
+MOST_TURN, MOST_DECAY = 0.6, 1.5  # rad and time constants that a step may hold of what swings and of what decays
+MOST_STEPS = 256
 IDEAL = 48  # bits of a converter that the rig calls ideal
 
 
@@ -30,6 +33,32 @@ class Run:
     def speed(self) -> float:
         """rad/s."""
         return self.speed_rpm * np.pi / 30
+
+
+def enough_substeps(rotor: Rotor) -> int:
+    """Integration steps per control sample that follow the fastest of touchdown, fluid and support, a power of two.
+
+    Raises:
+        ValueError: More than MOST_STEPS.
+    """
+    axial, fluid, touch = rotor.axial, rotor.fluid, rotor.touchdown
+    stiffness, damping = touch.stiffness + abs(fluid.stiffness), fluid.damping
+    turn = np.sqrt(max(stiffness * _pushed(rotor), (2 * axial.stiffness + touch.stiffness) / rotor.moving_mass))
+    # An impact at the touchdown's speed is damped at this multiple of the rate at which the contact swings.
+    rate = touch.damping * touch.speed * turn + max(damping * _pushed(rotor), axial.damping / rotor.moving_mass)
+    steps = max(turn / MOST_TURN, rate / MOST_DECAY, 1.0) / rotor.axis.control_rate
+    if steps > MOST_STEPS:
+        raise ValueError(
+            f"rotor {rotor.name}: its [touchdown], [fluid] or [axial] is so stiff or damped for its mass that "
+            f"{steps:.3g} integration steps per control sample were needed, {MOST_STEPS} at most; lower it"
+        )
+    return 2 ** max(0, ceil(log2(steps)))
+
+
+def _pushed(rotor: Rotor) -> float:
+    """Largest acceleration per force, 1/kg, of the surface at a magnet plane, where both planes are pushed."""
+    at = at_planes(*rotor.planes.magnets)[::2, :2]
+    return float(np.linalg.norm(at / np.sqrt([rotor.moving_mass, rotor.moving_inertia]), 2) ** 2)
 
 
 def block(runs: Sequence[Run], substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -74,6 +103,8 @@ def _column(run: Run, substeps: int, chain: np.ndarray, decays: np.ndarray) -> n
     x[r.FLUID_K], x[r.FLUID_C], x[r.CLEARANCE] = rotor.fluid.stiffness, rotor.fluid.damping, axis.clearance
     touch = rotor.touchdown
     x[r.TOUCH_K], x[r.TOUCH_D], x[r.TOUCH_MU] = touch.stiffness, touch.damping, touch.friction
+    # Friction changes the slip by at most this much in a step; half of it is where the integration is still stable.
+    x[r.TOUCH_SLIP] = touch.friction * h * _pushed(rotor) / 2
     x[r.SURFACE] = run.speed * rotor.body.radius
     x[r.AREA], x[r.BIAS], x[r.REACH] = law.area / 2, law.bias_current, REACH * law.gap
     x[r.FLUX_M], x[r.GAP_M] = law.magnet_flux, law.gap + law.magnet_gap

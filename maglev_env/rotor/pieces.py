@@ -7,13 +7,13 @@ from maglev_env.rotor.rows import (
     AREA, AXIAL_C, AXIAL_K, AXIAL_STOP, BIAS, CALIBRATION, CHAIN, CLEARANCE, COMMAND, CONTACT, COS, COUPLE, CURRENT,
     DECAYS, FIRST, FLUID_C, FLUID_K, FLUX_C, FLUX_M, GAP_C, GAP_M, GRAVITY, GYRO, HALF_COS, HALF_SIN, MAGNETS,
     ONCE, PER_INERTIA, PER_MASS, PROBE, PROBES, Q, QD, REACH, REJECT, RUBBED, RUNOUT, SCALE, SIN, SPEED, STATIC,
-    STEP_COS, STEP_SIN, SURFACE, TOUCH_D, TOUCH_K, TOUCH_MU, TURN_COS, TURN_SIN,
+    STEP_COS, STEP_SIN, SURFACE, TOUCH_D, TOUCH_K, TOUCH_MU, TOUCH_SLIP, TURN_COS, TURN_SIN,
 )  # fmt: skip
 from maglev_lanes.layout import LANES
 from maglev_lanes.pieces import piece
 
 W = LANES
-SLIP = 1e-3  # m/s below which friction fades
+SLIP = 1e-3  # m/s below which friction fades, however small the force and the step
 WRECKED = 4.0  # square of the clearances from the centre
 TINY = 1e-12  # m: keeps the direction of a centred rotor defined
 
@@ -44,7 +44,8 @@ def contact(x, i, px, py, vx, vy):
     approach, around = nx * vx + ny * vy, nx * vy - ny * vx
     normal = max(x[i + TOUCH_K] * depth * (1.0 + x[i + TOUCH_D] * approach), 0.0)
     slip = around + x[i + SURFACE]
-    rub = x[i + TOUCH_MU] * normal * slip / np.sqrt(slip * slip + SLIP * SLIP)
+    fades = SLIP + x[i + TOUCH_SLIP] * normal
+    rub = x[i + TOUCH_MU] * normal * slip / np.sqrt(slip * slip + fades * fades)
     return -normal * nx + rub * ny, -normal * ny - rub * nx, normal, rub * slip
 
 

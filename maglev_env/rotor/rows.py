@@ -19,9 +19,10 @@ HALF_COS, HALF_SIN, TURN_COS, TURN_SIN, SPEED, STATIC, COUPLE, RUNOUT, _BODY = r
 PER_MASS, PER_INERTIA, GYRO, GRAVITY, AXIAL_K, AXIAL_C, AXIAL_STOP, _PLANES = rows_after(
     _BODY, "PER_MASS PER_INERTIA GYRO GRAVITY[3] AXIAL_K AXIAL_C AXIAL_STOP"
 )
-# Magnet planes and probe planes along the axis; fluid at the magnet planes; touchdown.
-MAGNETS, PROBES, FLUID_K, FLUID_C, CLEARANCE, TOUCH_K, TOUCH_D, TOUCH_MU, SURFACE, _LAW = rows_after(
-    _PLANES, "MAGNETS[2] PROBES[2] FLUID_K FLUID_C CLEARANCE TOUCH_K TOUCH_D TOUCH_MU SURFACE"
+# Magnet planes and probe planes along the axis; fluid at the magnet planes; touchdown. TOUCH_SLIP: slip, per newton of
+# the normal force, below which a step of the integration could not follow the friction.
+MAGNETS, PROBES, FLUID_K, FLUID_C, CLEARANCE, TOUCH_K, TOUCH_D, TOUCH_MU, TOUCH_SLIP, SURFACE, _LAW = rows_after(
+    _PLANES, "MAGNETS[2] PROBES[2] FLUID_K FLUID_C CLEARANCE TOUCH_K TOUCH_D TOUCH_MU TOUCH_SLIP SURFACE"
 )
 # Force law of the pair of one bearing (see `magnets.law.ForceLaw`); REACH: limit of the displacement in its field.
 AREA, FLUX_M, GAP_M, FLUX_C, GAP_C, BIAS, SCALE, CALIBRATION, REACH, _CHAINS = rows_after(

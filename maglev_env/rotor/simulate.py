@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
 
 from maglev_env.rotor import rows as r
 from maglev_env.rotor.kernel import TILE, kernel
-from maglev_env.rotor.lanes import Run, block
+from maglev_env.rotor.lanes import Run, block, enough_substeps
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.rows import CHANNELS
 from maglev_lanes.layout import LANES, row
@@ -59,7 +60,7 @@ def spin(
         settle: Control samples before them.
         injection: Currents added to the commands, ordered as `linear.AXES`, (4, n), A, repeated from the start on.
         force: Generalised forces along q, (5, n), N and N m, repeated from the start on.
-        substeps: Integration steps per control sample.
+        substeps: Least number of integration steps per control sample; see `lanes.enough_substeps`.
         start: q and rates (10,) of all runs, or `Spun.end` (n, 36) of as many runs. Runs that continue need other
             seeds, or their noise repeats.
         threads: Number of threads.
@@ -98,11 +99,14 @@ def reduced(
         if start.shape not in ((10,), (len(runs), STATES)):
             raise ValueError(f"start: {start.shape}; give q and rates (10,), or the end ({len(runs)}, {STATES})")
         start = np.broadcast_to(start, (len(runs), start.shape[-1]))
-    blocks = [slice(i, i + LANES) for i in range(0, len(runs), LANES)]
+    steps = [max(substeps, enough_substeps(run.rotor)) for run in runs]
+    ends = [0, *(np.flatnonzero(np.diff(steps)) + 1).tolist(), len(runs)]
+    blocks = [(steps[a], slice(i, min(i + LANES, b))) for a, b in pairwise(ends) for i in range(a, b, LANES)]
 
-    def work(some: slice) -> Reduced:
+    def work(part: tuple[int, slice]) -> Reduced:
+        own, some = part
         begun = None if start is None else start[some]
-        return reduce(_spun(runs[some], samples, settle, waves, substeps, begun), runs[some])
+        return reduce(_spun(runs[some], samples, settle, waves, own, begun), runs[some])
 
     yield from over_threads(work, blocks, threads)
 

@@ -92,6 +92,39 @@ def unsupported(rotor: Rotor) -> Rotor:
     return replace(rotor, axis=still, gains=off, unbalance=Unbalance(), runout=Runout(), gravity=(0.0, 0.0, 0.0))
 
 
+@pytest.mark.parametrize("stiffness", [2e6, 2e8])
+def test_however_stiff_a_bearing_is_a_blow_returns_with_its_restitution(stiffness: float) -> None:
+    touch = Touchdown(stiffness=stiffness, friction=0.0, speed=0.4)
+    start = np.zeros(10)
+    start[0], start[5] = QUIET.clearance - 1e-6, touch.speed
+    found = spin([Run(unsupported(replace(IDEAL, touchdown=touch)))], 40, start=start)
+    assert found.state[0, 5] == pytest.approx(-touch.restitution * touch.speed, rel=0.02)
+
+
+@pytest.mark.parametrize(("stiffness", "off"), [(2e6, 0.12), (2e7, 0.01), (2e8, 0.01)])
+def test_friction_takes_as_much_as_it_gives_until_the_rotor_rolls_around(stiffness: float, off: float) -> None:
+    """It drives a rotor as a belt drives what is put on it, up to its own speed: half of its work is lost."""
+    rotor = unsupported(replace(IDEAL, touchdown=Touchdown(stiffness=stiffness)))
+    surface = 1000 * np.pi / 30 * rotor.body.radius
+    start = np.zeros(10)
+    start[0], start[5] = QUIET.clearance - 1e-6, 0.2 * surface
+    found = spin([Run(rotor, 1000)], 4000, start=start)
+    (x, _, y, _, _, vx, _, vy), size = found.state[0, :8], np.hypot(*found.state[0, [0, 2]])
+    assert (y * vx - x * vy) / size == pytest.approx(surface, rel=2e-3)
+    assert found.rubbed[0] == pytest.approx(rotor.body.mass * surface**2 / 2, rel=off)
+
+
+def test_rotors_of_one_batch_have_the_steps_that_each_needs() -> None:
+    start = np.zeros(10)
+    start[0], start[5] = QUIET.clearance - 1e-6, 0.4
+    soft, stiff = (unsupported(replace(IDEAL, touchdown=Touchdown(stiffness=k))) for k in (2e6, 2e8))
+    runs = [Run(rotor, 1000) for rotor in (soft, stiff, stiff, soft)]
+    beside, alone = spin(runs, 40, start=start), [spin([run], 40, start=start).state[0] for run in runs]
+    assert np.array_equal(beside.state, alone) and not np.array_equal(alone[0], alone[1])
+    with pytest.raises(ValueError, match=r"rotor pump: .* integration steps per control sample"):
+        spin([Run(replace(IDEAL, fluid=replace(IDEAL.fluid, damping=1e7)))], 1)
+
+
 @pytest.mark.parametrize("restitution", [0.3, 0.6, 0.95])
 def test_a_blow_returns_with_the_restitution_and_friction_turns_it(restitution: float) -> None:
     touch = Touchdown(stiffness=2e8, restitution=restitution, friction=0.004, speed=0.4)
