@@ -16,12 +16,16 @@ from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import ESTIMATE, FORWARD, MODEL, SENSOR_ROWS
 from selfsense.sensor import Estimator, SelfSensor, sensor_rows
 from selfsense.supply import Acquisition, Supply, check_rates
-from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, Stretch, gap_validity
+from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, WRONG_READING, Stretch, gap_validity
 
 W = LANES
 _CARRIER = 0.05  # least share of the power: pulses of 3 % duty hold more in their fundamental, white noise less
+MOST_PERIODS = 0.9  # of a record, which show what is usual
+UNUSUAL = 4.0  # times what is usual
+WRONG = 0.05  # of the ripple from peak to peak
 _REMEDIES = {
     CLIPPED: "the current stays on the end of its converter's range; check its scale, or widen that range",
+    WRONG_READING: "single readings of current or voltage fit no other; look for lost or disturbed samples",
     NO_RIPPLE: "the current carries no ripple of the switching voltage; check both channels, their scales and the duty",
     AT_END: "correct the believed coil, the channels' scales, or gap_range",
     CONVERGING: "the estimator never settles in it; record longer, or raise ki",
@@ -109,8 +113,10 @@ def estimate_recorded(
     _recorder(estimator.path.rms)(block.reshape(-1), current, volts / rate, estimate, amplitude)
     clipped = np.abs(current) >= 0.99 * current_range
     noise_only = _noise_only(current, volts, amplitude, rate, pwm_frequency, estimator.path)
-    supply = (float(np.abs(volts).max()), pwm_frequency)
-    found = gap_validity(estimate, amplitude, rate, estimator, *supply, clipped, noise_only)
+    driving = volts[1:] - estimator.coil.resistance * (current[1:] + current[:-1]) / 2
+    wrong = _wrong_readings(current, driving, rate / pwm_frequency, voltage_sampling == "point")
+    supply = (_usual(volts, rate / pwm_frequency), pwm_frequency)
+    found = gap_validity(estimate, amplitude, rate, estimator, *supply, clipped, noise_only, wrong)
     if not found.valid.any():
         _refuse(found.reasons, current.size)
     estimate[~found.valid] = np.nan
@@ -196,7 +202,36 @@ def _noise_only(
     gain = np.abs(response(before, np.exp(2j * np.pi * frequency / rate)))
     expected = ripple * gain * (1 / np.sqrt(2) if path.rms else 2 / np.pi)
     expected = scipy.signal.lfilter(b, [1, a1, a2], expected)  # delayed as much as the amplitude
-    return (expected < 0.5 * amplitude) | (switching < 0.05 * np.abs(volts).max())
+    return (expected < 0.5 * amplitude) | (switching < 0.05 * _usual(volts, rate / frequency))
+
+
+def _wrong_readings(current: np.ndarray, driving: np.ndarray, period: float, instants: bool) -> np.ndarray:
+    """Where the current changes otherwise than in proportion to what drives it, as the samples around show it.
+
+    What is off in every period of the PWM is how both channels are read. A sample that is off by several times as much,
+    and by a part of the ripple, is disturbed; a single one can move the estimate by much of the gap.
+
+    Args:
+        current: (samples,), A.
+        driving: Voltage on the inductance, mean between a sample and the next, (samples - 1,), V.
+        period: Samples per PWM period.
+        instants: Whether that mean is joined from instants, which misplaces edges by up to half a sample.
+    """
+    window = max(round(8 * period), 64)
+    change, drive, ripple = (
+        x - scipy.ndimage.uniform_filter1d(x, window) for x in (np.diff(current), driving, current)
+    )
+    both, square = (scipy.ndimage.uniform_filter1d(drive * x, window) for x in (change, drive))
+    off = np.abs(change - drive * both / np.maximum(square, np.finfo(float).tiny))
+    least = 1.5 * _usual(change, period) if instants else 2 * WRONG * _usual(ripple, period)
+    return np.concatenate([[False], off > max(UNUSUAL * _usual(off, period), least)])
+
+
+def _usual(values: np.ndarray, period: float) -> float:
+    """The largest magnitude of a PWM period (samples), in most periods: single readings do not count."""
+    width = min(max(round(period), 2), values.size)
+    count = values.size // width
+    return float(np.quantile(np.abs(values[: count * width]).reshape(count, width).max(axis=1), MOST_PERIODS))
 
 
 def _refuse(reasons: tuple[Stretch, ...], samples: int) -> None:

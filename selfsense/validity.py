@@ -16,6 +16,7 @@ from selfsense.sensor import Estimator, SelfSensor
 from selfsense.simulate import SensedGap
 
 NO_RIPPLE, AT_END, CLIPPED, CONVERGING = "no ripple", "end of gap_range", "current clipped", "converging"
+WRONG_READING = "current does not follow voltage"
 SMALLEST_RIPPLE = 0.1  # of the ripple at half duty, where the loop is ten times slower; a duty of 0.025 or 0.975
 SETTLED = 10.0  # time constants of the loop after a fault, in which 1 mm becomes 45 nm
 SLIDING = 3.0  # time constants before a fault shows, in which the estimate may be moving towards it
@@ -53,13 +54,14 @@ def gap_validity(
     pwm_frequency: float,
     clipped: ArrayLike = False,
     noise_only: ArrayLike = False,
+    wrong: ArrayLike = False,
 ) -> Validity:
     """Which samples of an estimated gap can be trusted.
 
-    Not valid are clipped samples, samples without ripple, an amplitude below SMALLEST_RIPPLE of that at half duty and
-    the estimated gap, an estimate at the end of its range, the SLIDING time constants of the loop before such a fault,
-    and the SETTLED ones after it or after the first sample. The loop's pole is at ki S / (1 + kp S), where S is the
-    amplitude per gap, so the loop settles more slowly where the ripple is smaller.
+    Not valid are clipped and wrong samples, samples without ripple, an amplitude below SMALLEST_RIPPLE of that at half
+    duty and the estimated gap, an estimate at the end of its range, the SLIDING time constants of the loop before such
+    a fault, and the SETTLED ones after it or after the first sample. The loop's pole is at ki S / (1 + kp S), where S
+    is the amplitude per gap, so the loop settles more slowly where the ripple is smaller.
 
     Args:
         estimate: Estimated gap, (samples,), m.
@@ -70,6 +72,7 @@ def gap_validity(
         pwm_frequency: Of the supply, Hz.
         clipped: Where the current was clipped, (samples,).
         noise_only: Where the amplitude is not a ripple, (samples,).
+        wrong: Where a reading of current or voltage fits no other, (samples,).
     """
     estimate, amplitude = np.asarray(estimate, dtype=float), np.asarray(amplitude, dtype=float)
     coil, (low, high) = estimator.coil, estimator.gap_range
@@ -79,6 +82,7 @@ def gap_validity(
         NO_RIPPLE: ~(amplitude >= SMALLEST_RIPPLE * half_duty) | np.asarray(noise_only),
         AT_END: ~((estimate > low + touching) & (estimate < high - touching)),
         CLIPPED: np.broadcast_to(clipped, estimate.shape),
+        WRONG_READING: np.broadcast_to(wrong, estimate.shape),
     }
     path = 1 / (BUTTERWORTH * 2 * pi * estimator.path.low_pass)
     faults[NO_RIPPLE][: ceil(3 * path * rate)] = False  # the filters fill
