@@ -10,6 +10,8 @@ from selfsense.sensor import SelfSensor, samples_and_periods
 from selfsense.simulate import simulate
 from selfsense.validity import AT_END, SETTLING, refuse_invalid
 
+ROUNDING = 1e-9  # of the output's size, what its last digits may differ by
+
 
 @dataclass(frozen=True)
 class StaticCalibration:
@@ -56,13 +58,15 @@ def static_calibration(
         rest: A displacement that the range must contain, by default the smallest.
 
     Raises:
-        ValueError: The data do not fit, or no three displacements lie on a line this well.
+        ValueError: The data do not fit, the output does not follow the displacement (`check_follows`), or no three
+            displacements lie on a line this well.
     """
     x, y = _finite("displacement", displacement), _finite("output", output)
     if x.shape != y.shape:
         raise ValueError(f"displacement {x.shape} and output {y.shape} must have one value per point each")
     if not 0 < tolerance < 1:
         raise ValueError(f"tolerance = {tolerance} must be a share of full scale between 0 and 1")
+    check_follows(y)
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
     rest = x[0] if rest is None else rest
@@ -74,6 +78,8 @@ def static_calibration(
             continue
         gain, offset = np.polyfit(x[inside], y[inside], 1)
         deviation = y[inside] - gain * x[inside] - offset
+        if abs(gain) * (high - low) <= ROUNDING * np.abs(y[inside]).max():
+            continue  # the output stands still there: no sensor's line
         if np.abs(deviation).max() <= tolerance * abs(gain) * (high - low):
             break
     else:
@@ -96,6 +102,13 @@ def static_calibration(
         _saturated(x[::-1], y[::-1], low, gain),
         _saturated(x, y, high, gain),
     )
+
+
+def check_follows(output: ArrayLike) -> None:
+    """Raise ValueError if an output (n,) is the same at every displacement, but for rounding."""
+    y = np.asarray(output, dtype=float)
+    if np.ptp(y) <= ROUNDING * np.abs(y).max():
+        raise ValueError(f"the output is {y[0]:g} throughout and does not follow the displacement; check the sensor")
 
 
 def static_sweep(

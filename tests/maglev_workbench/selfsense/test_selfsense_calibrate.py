@@ -222,12 +222,26 @@ def test_steps_of_a_recording_give_the_static_calibration(tmp_path):
     assert "-1020" in text and "steps.npz" in page
 
 
+def test_a_short_recording_and_a_dead_sensor_are_left_out_by_name(tmp_path):
+    x, y = steps(0.3e-6)
+    parts = recording(tmp_path, "steps", NONE, displacement=x, gap_estimate=y)
+    parts += recording(tmp_path, "short", NONE, displacement=x[:100], gap_estimate=y[:100])
+    parts += recording(tmp_path, "dead", NONE, displacement=x, gap_estimate=np.full(x.size, GAP))
+    (tmp_path / "campaign.toml").write_text(HEAD + parts)
+    data, _, text = calibrated(tmp_path, tmp_path)
+    assert [found["name"] for found in data["static"]] == ["steps.npz"]
+    assert "short.npz: no periodic excitation, and the displacement rests at 0 levels" in text
+    assert "dead.npz: the output is 0.00035 throughout and does not follow the displacement" in text
+
+
 def test_what_counts_as_a_step():
     t = np.arange(60_000) / RATE
     ramp, read = static_steps(50e-6 * t, 3 * 50e-6 * t, RATE)
     assert 20 < ramp.size < 60 and np.allclose(read, 3 * ramp)
     for moving in (np.sin(2 * np.pi * 40 * t), np.random.default_rng(0).standard_normal(t.size), np.zeros(t.size)):
         assert static_steps(moving, moving, RATE)[0].size == 0
+    for short in (2, round(0.02 * RATE) - 1, round(0.05 * RATE)):
+        assert static_steps(50e-6 * t[:short], t[:short], RATE)[0].size == 0
     level, read = static_steps(*steps(), RATE)
     assert level == pytest.approx(np.linspace(-150e-6, 150e-6, 13), abs=0.5e-6)
     assert read[2:] == pytest.approx(GAP - 1.02 * level[2:] + 2e-6, abs=1e-9) and read[0] == pytest.approx(480e-6)

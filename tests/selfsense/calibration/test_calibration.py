@@ -83,6 +83,19 @@ def test_what_has_no_line_is_refused():
         static_calibration([0, 1, 2], [0, 1, 2], tolerance=1.5)
 
 
+@pytest.mark.parametrize("still", [0.0, 1.3, -4e-7])
+def test_an_output_that_stands_still_is_no_sensors(still):
+    x = np.linspace(0.0, 5e-4, 6)
+    with pytest.raises(ValueError, match="does not follow the displacement"):
+        static_calibration(x, np.full(6, still))
+    with pytest.raises(ValueError, match="does not follow the displacement"):
+        static_calibration(x, still * (1 + 1e-12 * np.arange(6)))
+    # Where it stands still over most of the travel only, its line is where it does not.
+    x = np.arange(12.0)
+    found = static_calibration(x, still + np.minimum(x, 4.0), rest=1.0)
+    assert found.linear_range == (0.0, 4.0) and found.gain == pytest.approx(1.0) and found.saturated_above == 4.0
+
+
 def test_a_simulated_sweep_has_the_tables_form():
     """Displacement from 0.1 mm on, the range's end 0.49 mm further: linear, then flat."""
     gaps = 0.1e-3 + np.array(TABLE_6_1[0]) * 1e-3

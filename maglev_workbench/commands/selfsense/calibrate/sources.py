@@ -16,7 +16,7 @@ from maglev_env.rig.excitation import axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
 from maglev_workbench.commands.selfsense.calibrate.static_steps import static_steps
 from selfsense.calibration.dynamic import DynamicCalibration, dynamic_calibration, simulated_dynamic
-from selfsense.calibration.static import StaticCalibration, static_calibration, static_sweep
+from selfsense.calibration.static import StaticCalibration, check_follows, static_calibration, static_sweep
 from selfsense.linear import tracking
 from selfsense.sensor import SelfSensor, largest_gap
 
@@ -144,8 +144,9 @@ def widest(x: np.ndarray, y: np.ndarray) -> StaticCalibration:
     """The static calibration whose linear range covers the largest part of the output, at any position.
 
     Raises:
-        ValueError: No three points lie on a line, or only three of six or more.
+        ValueError: The output stands still, no three points lie on a line, or only three of six or more.
     """
+    check_follows(y)
     found = []
     for rest in np.unique(np.quantile(x, np.linspace(0, 1, 9), method="nearest")):
         with suppress(ValueError):  # no line around this one

@@ -21,6 +21,8 @@ def static_steps(displacement: np.ndarray, output: np.ndarray, rate: float) -> t
     """
     piece = max(2, round(SETTLING * rate))
     n = displacement.size // piece
+    if n < 3:  # each piece has a motion before or behind it
+        return np.empty(0), np.empty(0)
     x, y = (a[: n * piece].reshape(n, piece) for a in (displacement, output))
     travel = float(np.ptp(displacement))
     still = (x.std(axis=1) <= _STILL * travel) if travel > 0 else np.zeros(n, dtype=bool)
