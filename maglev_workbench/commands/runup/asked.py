@@ -7,13 +7,14 @@ from math import isfinite
 import numpy as np
 
 from maglev_env.loop.gains import Gains
+from maglev_env.rotor.parts import Rejection
 from maglev_env.rotor.rotor import Rotor
 
 MOST_SPEEDS = 2000
 
 
 def parse_speeds(text: str) -> np.ndarray:
-    """Speeds (n,) in rpm from the text lo:hi:step, both ends included, or from one value.
+    """Speeds (n,) in rpm from the text lo:hi:step, both ends included, or from one value; the last step may be shorter.
 
     Raises:
         ValueError: The text has another form, or gives too many speeds.
@@ -32,7 +33,13 @@ def parse_speeds(text: str) -> np.ndarray:
     count = (high - low) / step * (1 + 1e-12) + 1
     if count >= MOST_SPEEDS + 1:
         raise ValueError(f"--speeds {text!r}: {count:.4g} speeds; take a larger step, {MOST_SPEEDS} at most")
-    return low + step * np.arange(int(count))
+    steps = low + step * np.arange(int(count))
+    return steps if high - steps[-1] <= 1e-9 * step else np.append(steps, high)
+
+
+def with_rejection(rotor: Rotor, rate: float | None) -> Rotor:
+    """The rotor with a force rejection of another rate (1/s), which acts from its own least speed; None: unchanged."""
+    return rotor if rate is None else replace(rotor, rejection=replace(rotor.rejection or Rejection(), rate=rate))
 
 
 def with_chosen_gains(rotor: Rotor, gains: Mapping[str, float | None], single: Sequence[str]) -> Rotor:

@@ -33,12 +33,10 @@ def runup(
     picture: Annotated[Path | None, typer.Option(help="Also draw the response to this .png, .svg or .pdf.")] = None,
 ) -> None:
     """Run a levitated rotor up: displacement, power of coils and motor, touchdowns and margins at each speed."""
-    from dataclasses import replace
     from time import perf_counter
 
-    from maglev_env.rotor.parts import Rejection
     from maglev_env.rotor.rotor import load_rotor
-    from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_chosen_gains
+    from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_chosen_gains, with_rejection
 
     ladder = parse_speeds(speeds)
     from maglev_workbench.commands.runup.figures import save_picture
@@ -47,9 +45,8 @@ def runup(
     from maglev_workbench.console import console, write_json
     from maglev_workbench.page import write_page
 
-    chosen = with_chosen_gains(load_rotor(rotor), {"kp": kp, "ki": ki, "kd": kd}, gains)
-    if rejection is not None:
-        chosen = replace(chosen, rejection=Rejection(rejection))
+    chosen = with_rejection(load_rotor(rotor), rejection)
+    chosen = with_chosen_gains(chosen, {"kp": kp, "ki": ki, "kd": kd}, gains)
     check_reach(chosen, ladder)
     folder = out or Path(f"runup-{chosen.name}")
     require_folder(folder)

@@ -10,14 +10,13 @@ import numpy as np
 from maglev_env.design.goals import goal_text
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import ENGINEER, MATCH
-from maglev_env.rotor.parts import Rejection
 from maglev_env.rotor.requirements import evaluate_goal
 from maglev_env.rotor.rotor import load_rotor
 from maglev_env.task.gain_box import parse_tuned
 from maglev_env.task.pump_episodes import RotorEpisode
 from maglev_env.task.pump_goal import SPEEDS, RotorGoalTask, make_rotor_goal_task
 from maglev_lanes.schedule import workers
-from maglev_workbench.commands.runup.asked import check_reach, parse_speeds
+from maglev_workbench.commands.runup.asked import check_reach, parse_speeds, with_rejection
 from maglev_workbench.commands.runup.report import run_up_json
 from maglev_workbench.commands.runup.study import report
 from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
@@ -70,8 +69,8 @@ def run(
         raise ValueError(f"--goal {MATCH} is for rigs of one axis; give a rotor requirements, or {ENGINEER}")
     names, bounds = parse_tuned(tuned)
     ladder = np.array(SPEEDS, float) if speeds is None else parse_speeds(speeds)
-    wanted = None if rejection is None else Rejection(rejection)
-    task = make_rotor_goal_task(load_rotor(source), text, names, bounds, ladder.tolist(), wanted, budget)
+    rotor = with_rejection(load_rotor(source), rejection)
+    task = make_rotor_goal_task(rotor, text, names, bounds, ladder.tolist(), budget=budget)
     check_reach(task.rotor, ladder)
     episode = RotorEpisode(task.rotor, task.preset, seed)
     tuner = make_tuner(method, task, episode, seed, budget)

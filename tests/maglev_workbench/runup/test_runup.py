@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from command_line import maglev
 
+from maglev_env.rig.rig_file import ROTOR_FOLDER
 from maglev_env.rotor.linear import closed_loop_poles
+from maglev_env.rotor.parts import Rejection
 from maglev_env.rotor.rotor import ROTORS, load_rotor
 from maglev_env.rotor.run_up import run_up
 from maglev_workbench.commands.runup import study as runup
-from maglev_workbench.commands.runup.asked import parse_speeds, with_chosen_gains
+from maglev_workbench.commands.runup.asked import parse_speeds, with_chosen_gains, with_rejection
 
 run = partial(maglev, "runup")
 PUMP = load_rotor("pump")
@@ -95,9 +97,25 @@ def test_bad_input(arguments, words, tmp_path, monkeypatch):
 def test_speeds_and_gains_as_written():
     assert parse_speeds("3000").tolist() == [3000]
     assert parse_speeds("0:1:0.1").tolist() == pytest.approx(np.arange(11) / 10)
+    assert parse_speeds("0:14000:3000").tolist() == [0, 3000, 6000, 9000, 12000, 14000]
+    assert parse_speeds("500:700:300").tolist() == [500, 700] and parse_speeds("7:7:1").tolist() == [7]
+    for step in (0.7, 1 / 3, 7.0):  # whole steps end where they should, to rounding, and are not doubled
+        assert np.diff(parse_speeds(f"0:{600 * step!r}:{step!r}")) == pytest.approx(np.full(600, step))
     chosen = with_chosen_gains(PUMP, {"kp": None, "ki": None, "kd": 6.0}, ["tilt.kd=7", "translation.kp=9e3"]).gains
     assert [chosen[name].kd for name in ("translation", "tilt")] == [6, 7]
     assert [chosen[name].kp for name in ("translation", "tilt")] == [9000, 8000]
+
+
+def test_a_rate_of_rejection_keeps_the_least_speed_of_the_file(tmp_path):
+    text = (ROTOR_FOLDER / "pump.toml").read_text()
+    rotor, js = tmp_path / "own.toml", tmp_path / "r.json"
+    rotor.write_text(text + "\n[rejection]\nrate = 5.0\nfrom_speed = 3000.0\n")
+    for options, expected in (([], (5, 3000)), (["--rejection", 20], (20, 3000))):
+        run("--rotor", rotor, "--speeds", "2000:4000:2000", *options, "--out", tmp_path, "--json", js)
+        data = json.loads(js.read_text())
+        assert (data["rejection"]["rate"], data["rejection"]["from_speed"]) == expected
+        assert data["speeds"][1]["coil_once"][1] < 0.2 * data["speeds"][0]["coil_once"][1]  # below it acts on nothing
+    assert with_rejection(PUMP, 20.0).rejection == Rejection(20.0) and with_rejection(PUMP, None) is PUMP
 
 
 def test_modes():

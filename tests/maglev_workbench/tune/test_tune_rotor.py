@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from command_line import maglev
 
+from maglev_env.rig.rig_file import ROTOR_FOLDER
 from maglev_env.rotor.loop_quantities import PLANES, TOGETHER, Found
 from maglev_env.rotor.requirements import rotor_goal
 from maglev_env.rotor.rotor import load_rotor
+from maglev_workbench.commands.tune import rotor as rotor_command
 from maglev_workbench.commands.tune.rotor_report import check_rows, place_rows, speed_rows
 
 run = partial(maglev, "tune", "--rig", "pump")
@@ -43,6 +45,17 @@ def test_a_rotor_is_tuned_checked_and_goes_on(tmp_path):
     page = (out / "tune.html").read_text()
     assert "Requirements over the speeds" in page and "By mode and plane" in page
     assert "4 reused" in run(*arguments, "--budget", 8)
+
+
+def test_a_rate_of_rejection_keeps_the_least_speed_of_the_file(tmp_path, monkeypatch):
+    def asked(rotor, *_, **__):
+        raise ValueError(f"{rotor.rejection}")
+
+    monkeypatch.setattr(rotor_command, "make_rotor_goal_task", asked)
+    path = tmp_path / "own.toml"
+    path.write_text((ROTOR_FOLDER / "pump.toml").read_text() + "\n[rejection]\nrate = 5.0\nfrom_speed = 3000.0\n")
+    assert "rate=20.0, from_speed=3000.0" in maglev("tune", "--rig", path, "--rejection", 20, code=2)
+    assert "rate=5.0, from_speed=3000.0" in maglev("tune", "--rig", path, code=2)
 
 
 @pytest.mark.parametrize(
