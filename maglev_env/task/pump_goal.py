@@ -1,7 +1,7 @@
 """The task of tuning a rotor to a goal: an experiment is its linear loop and its simulated run-up and events."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,6 @@ import numpy as np
 from maglev_env.evaluation.goal_score import misses
 from maglev_env.rig.goal import Goal
 from maglev_env.rig.rig import Rig
-from maglev_env.rotor.parts import Rejection
 from maglev_env.rotor.requirements import RotorGoalEvaluation, evaluate_goal, rotor_goal, worst
 from maglev_env.rotor.rotor import Rotor, load_rotor
 from maglev_env.rotor.run_up import checked_speeds
@@ -114,7 +113,6 @@ def make_rotor_goal_task(
     tuned: Sequence[str] | None = None,
     bounds: Mapping[str, Sequence[float]] | None = None,
     speeds: Sequence[float] = SPEEDS,
-    rejection: Rejection | None = None,
     budget: int = 400,
 ) -> RotorGoalTask:
     """The task of checked arguments: both controllers of a rotor are tuned, each with its own gains.
@@ -125,7 +123,6 @@ def make_rotor_goal_task(
         tuned: Gains of each controller; None: kp, ki, kd.
         bounds: (low, high) by name; otherwise the rotor's.
         speeds: Speeds at which everything is required, rpm.
-        rejection: Force rejection; None: the rotor's own.
         budget: Number of experiments.
 
     Raises:
@@ -133,8 +130,6 @@ def make_rotor_goal_task(
         OSError: The rotor's file cannot be read.
     """
     loaded = rotor if isinstance(rotor, Rotor) else load_rotor(rotor)
-    if rejection is not None:
-        loaded = replace(loaded, rejection=rejection)
     names = tuple(tuned or TUNED)
     kind = "planes" if tuple(loaded.gains) == ("a", "b") else "translation_tilt"
     box = rotor_box(controlled(loaded, kind), kind, names, bounds)
