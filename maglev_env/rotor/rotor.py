@@ -66,6 +66,12 @@ class Rotor:
             raise ValueError(f"[gains]: {', '.join(self.gains)}; give translation and tilt, or a and b")
         if self.axis.axes != 1 or "pair" not in self.axis.capabilities:
             raise ValueError(f"axis: rig {self.axis.name} is not one axis of a pair of magnets")
+        held = [name for name in ("support_stiffness", "support_damping") if getattr(self.axis, name)]
+        if without := [*held, *(f"[effects.{name}]" for name in self.axis.effects)]:
+            raise ValueError(
+                f"axis: rig {self.axis.name} states {', '.join(without)}, which a rotor does not have; leave it out, "
+                "and give what holds the rotor beside its magnets in [fluid]"
+            )
         if not (isinstance(self.gravity, tuple) and len(self.gravity) == 3) or not all(map(is_number, self.gravity)):
             raise ValueError(f"gravity = {self.gravity!r}; give three accelerations, m/s2")
         load = abs(self.gravity[2]) * self.body.mass

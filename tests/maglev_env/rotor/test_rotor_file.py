@@ -1,5 +1,6 @@
 """Rotor files: what is read, and what is refused with which words."""
 
+from dataclasses import replace
 from importlib import resources
 from math import log
 
@@ -76,6 +77,18 @@ def test_what_cannot_be_is_refused_by_name(tmp_path, old, new, words):
     with pytest.raises(ValueError, match=words) as error:
         load_rotor(path)
     assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ({"support_stiffness": 5e4}, r"rig hmb_free states support_stiffness, which"),
+        ({"support_damping": 20.0, "effects": {"delay": {"time": 3e-4}}}, r"support_damping, \[effects.delay\], which"),
+    ],
+)
+def test_what_no_rotor_has_is_not_left_out_of_its_axis_in_silence(stated, words):
+    with pytest.raises(ValueError, match=words):
+        replace(load_rotor("pump"), axis=replace(load_rotor("pump").axis, **stated))
 
 
 def test_force_rejection_is_read_from_the_file(tmp_path):
