@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from math import ceil
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,7 @@ from maglev_env.rotor.simulate import Spun, alike, reduced, shared_rate
 
 SPEEDS = np.arange(0.0, 14_001.0, 500.0)  # rpm, as in the dissertation (D 3.5)
 SETTLE, MEASURE = 0.36, 0.24  # s; the measured time holds whole turns at every multiple of 250 rpm
+LONGEST = 6.0  # s, of a turn that is waited for where it takes longer than MEASURE
 DECAYS = 6.0  # time constants of the force rejection that are waited for in addition
 
 # One seed for all rotors, or a list with one for each: integers from 0 on, or tuples of them.
@@ -28,7 +30,7 @@ class RunUp:
         peak: Largest radial reading at the probe planes from the centre, as in ISO 14839-2, (n, s, 2), m; at least the
             clearance after a touchdown.
         once: Amplitude at the rotation frequency of the probes in x at a and b and of an axial probe, (n, s, 3), m; at
-            standstill the square root of twice the variance.
+            standstill, and where a turn takes longer than LONGEST, the square root of twice the variance.
         coil_rms: About the mean, (n, s, 4), A.
         coil_once: Amplitude of the coil currents at the rotation frequency, (n, s, 4), A; at standstill as `once`.
         copper_loss: With the bias, (n, s), W.
@@ -94,11 +96,11 @@ def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0
     seeds = seeds_of(seed, len(rotors))
     speeds, rate = checked_speeds("speeds", speeds), shared_rate(rotors)
     runs = [Run(r, float(v), (*s, j)) for r, s in zip(rotors, seeds, strict=True) for j, v in enumerate(speeds)]
-    settle = [round((SETTLE + waiting(run.rotor)) * rate) for run in runs]
-    groups, parts = alike(settle), []
+    times = [(round((SETTLE + waiting(run.rotor)) * rate), ceil(_measured_time(run) * rate - 1e-6)) for run in runs]
+    groups, parts = alike(times), []
     for some in groups:
-        own = [runs[i] for i in some]
-        parts += reduced(own, round(MEASURE * rate), _measured, settle[some[0]], threads=threads)
+        settle, samples = times[some[0]]
+        parts += reduced([runs[i] for i in some], samples, _measured, settle, threads=threads)
     order = np.argsort(np.concatenate(groups))
     columns = [np.concatenate([getattr(p, f.name) for p in parts])[order] for f in fields(RunUp)[1:]]
     shape = len(rotors), speeds.size
@@ -108,6 +110,12 @@ def run_up(rotors: Sequence[Rotor], speeds: np.ndarray = SPEEDS, seed: Seeds = 0
 def waiting(rotor: Rotor) -> float:
     """Time (s) in which a rotor's force rejection finds the unbalance; 0 without one."""
     return DECAYS / rotor.rejection.rate if rotor.rejection else 0.0
+
+
+def _measured_time(run: Run) -> float:
+    """Time (s) that is measured: a turn at least, unless that takes longer than LONGEST."""
+    turn = 60 / abs(run.speed_rpm) if run.speed_rpm else 0.0
+    return max(MEASURE, turn) if turn <= LONGEST else MEASURE
 
 
 def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
@@ -126,8 +134,12 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
     once = np.empty((len(runs), 7))
     for i, run in enumerate(runs):
         watched = np.stack([moving[i, 0], moving[i, 2], axial[i], *moving[i, 4:8]])
-        turn = np.exp(-1j * run.speed * t)
-        once[i] = abs(2 * (watched * turn).mean(axis=-1)) if run.speed else np.sqrt(2) * watched.std(axis=-1)
+        if abs(run.speed_rpm) * LONGEST < 60:
+            once[i] = np.sqrt(2) * watched.std(axis=-1)
+            continue
+        # The time need not hold whole turns: mean, cosine and sine are fitted together.
+        turning = np.stack([np.ones(t.size), np.cos(run.speed * t), np.sin(run.speed * t)])
+        once[i] = np.hypot(*np.linalg.solve(turning @ turning.T, turning @ watched.T)[1:])
     rms = moving[:, 4:8].std(axis=-1)
     # Opposite coils carry the bias plus and minus the control current, whose mean carries the weight.
     bias = np.array([rotor.axis.bias_current for rotor in rotors])

@@ -9,9 +9,10 @@ from scipy.integrate import solve_ivp
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force
 from maglev_env.rotor.lanes import Run
-from maglev_env.rotor.linear import at_planes, control_matrices, unbalance_response
+from maglev_env.rotor.linear import at_planes, control_matrices, probe_readings, unbalance_response
 from maglev_env.rotor.parts import Runout, Touchdown, Unbalance
 from maglev_env.rotor.rotor import CONTROLS, Rotor, load_rotor
+from maglev_env.rotor.run_up import run_up
 from maglev_env.rotor.simulate import spin
 
 PUMP = load_rotor("pump")
@@ -152,6 +153,19 @@ def test_the_axial_stop_holds_what_the_passive_force_does_not() -> None:
     found = spin([Run(rotor)], 400, start=start, substeps=4)
     assert found.contact[0, 2] > 10 and np.isfinite(found.first_contact[0, 2])
     assert abs(found.channels[0, 8]).max() < 1.2 * rotor.axial.clearance
+
+
+def test_once_per_turn_is_the_linear_models_however_many_turns_are_measured() -> None:
+    """At a small orbit; of 125 rpm half a turn fits into the usual time, and a fifth of the amplitude had been seen."""
+    small = replace(IDEAL, unbalance=Unbalance(4.5e-8, 2e-9, 90.0), gravity=(0.0, 0.0, 0.0))
+    rpm = np.array([10.0, 40.0, 125.0, 333.0, -410.0, 1130.0, 9990.0])
+    speed = rpm * np.pi / 30
+    expected = abs(probe_readings(small, unbalance_response(small, speed), speed))[:, ::2]
+    found = run_up([small], rpm)
+    assert found.once[0, :, :2] == pytest.approx(expected, rel=0.01)
+    assert found.peak[0, :3] == pytest.approx(expected[:3], rel=0.01)
+    # A turn of an hour is not waited for: what is seen is how much it has moved.
+    assert (run_up([small], np.array([1 / 60])).once[0, 0, :2] < 0.1 * expected[0]).all()
 
 
 def test_energy_of_the_free_rotor_is_conserved() -> None:
