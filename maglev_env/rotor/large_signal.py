@@ -55,7 +55,8 @@ def _settled_alike(
         Run(one, float(v), (*seed, 2, j)) for one, seed in zip(rotors, seeds, strict=True) for j, v in enumerate(speeds)
     ]
     found: list[dict[str, Found]] = [{} for _ in rotors]
-    peaks, s = np.zeros((len(rotors), len(speeds), 2)), len(speeds)
+    peaks: dict[float, np.ndarray] = {}  # (n, 2) by speed: of the loads at every one, of the lift-off at standstill
+    s = len(speeds)
     at, rate = tuple(map(float, speeds)), rotors[0].axis.control_rate
     settle = round((SETTLE + waiting(rotors[0])) * rate)
     loads = {kind: one for kind, one in goal.events.items() if kind != "lift_off"}
@@ -72,7 +73,9 @@ def _settled_alike(
             values[_touched(spun)] = np.inf
             for i, part in enumerate(values.reshape(len(rotors), s, 2)):
                 found[i][one.name] = Found(at, PLANES, part)
-            peaks = np.maximum(peaks, _current(spun).reshape(peaks.shape))
+            largest = _current(spun).reshape(len(rotors), s, 2)
+            for j, v in enumerate(at):
+                peaks[v] = np.fmax(peaks.get(v, 0.0), largest[:, j])
     if "lift_off" in goal.events:
         one = goal.events["lift_off"]
         still = [Run(rotor, 0.0, (*seed, 3)) for rotor, seed in zip(rotors, seeds, strict=True)]
@@ -81,10 +84,9 @@ def _settled_alike(
         for i, run in enumerate(still):
             values = _lifted(spun.channels[i, 1:4:2], n, one, run.rotor)
             found[i][one.name] = Found((0.0,), PLANES, np.where(_touched(spun)[i], np.inf, values)[None])
-        lifting = _current(spun)[:, None]
-        peaks = np.maximum(peaks, np.where(speeds[None, :, None] == 0, lifting, 0.0))
+        peaks[0.0] = np.fmax(peaks.get(0.0, 0.0), _current(spun))
     for i in range(len(rotors)) if goal.events else ():
-        found[i]["current_peak"] = Found(at, PLANES, peaks[i])
+        found[i]["current_peak"] = Found(tuple(sorted(peaks)), PLANES, np.array([peaks[v][i] for v in sorted(peaks)]))
     return found
 
 

@@ -192,6 +192,17 @@ def test_small_blows_and_loads_are_the_linear_loops_answers_whatever_turns():
     assert 0.7 < found["current_peak"].values[0].max() / (8000.0 * 1e-4) < 1.3
 
 
+@pytest.mark.parametrize("at", [[0.0, 9000.0], [9000.0], [9000.0, 3000.0]])
+def test_a_lift_off_draws_its_current_at_standstill_whatever_the_speeds(at):
+    lift = "lift_off_time <= 0.03 from 1e-4, current_peak <= 1"
+    struck = parse_goal(f"impulse_displacement <= 1e-4 after 1e-6, {lift}")
+    for goal, speeds in ((parse_goal(lift), (0.0,)), (struck, (0.0, *sorted({*at} - {0.0})))):
+        (found,) = large_signal_quantities(goal, [PUMP], np.array(at), [(1,)], 1)
+        peak = found["current_peak"]
+        assert peak.speeds == speeds and 0.7 < peak.values[0].max() / (8000.0 * 1e-4) < 1.3
+        assert len(speeds) == 1 or (0.05 < peak.values[1:].max() < peak.values[0].max())  # of the unbalance
+
+
 def test_a_blow_that_throws_a_rotor_onto_its_bearing_misses_by_far():
     hard = parse_goal("impulse_displacement <= 1e-4 after 0.05")
     (found,) = large_signal_quantities(hard, [PUMP], np.array([0.0]), [(1,)], 1)
