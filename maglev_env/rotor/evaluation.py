@@ -15,6 +15,7 @@ from maglev_env.rotor.lanes import Run
 from maglev_env.rotor.linear import closed_loop_poles
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.run_up import SPEEDS, RunUp, Seeds, checked_speeds, run_up, seeds_of
+from maglev_env.rotor.simulate import shared_rate
 from maglev_env.evaluation.score import ScoreTarget, score, stacked, terms
 
 if TYPE_CHECKING:
@@ -122,10 +123,10 @@ def _target(pickled: bytes) -> ScoreTarget:  # a rotor holds mappings and has no
     return ScoreTarget(found.stiffness, found.damping, t.peak_sensitivity, axis.clearance, t.current_limit, axis.gap)
 
 
-def identified_speeds(speeds: np.ndarray, protocol: Protocol = PROTOCOL) -> np.ndarray:
-    """Speeds (k,) rpm, sorted, at which a run-up at some speeds (s,) rpm is identified: standstill and near the top."""
+def identified_speeds(rotor: Rotor, speeds: np.ndarray, protocol: Protocol = PROTOCOL) -> np.ndarray:
+    """Speeds (k,) rpm, sorted, at which a rotor that runs at speeds (s,) is identified: standstill and near the top."""
     top = float(speeds[abs(speeds).argmax()])
-    return np.unique([0.0, protocol.clear_speed(top)])
+    return np.unique([0.0, protocol.of(rotor.axis.control_rate).clear_speed(top)])
 
 
 def evaluate_rotors(
@@ -159,7 +160,8 @@ def evaluate_rotors(
         raise ValueError("rotors: their controllers must all act on translation and tilt, or all on a and b")
     speeds = checked_speeds("speeds", speeds)
     top = speeds[abs(speeds).argmax()]
-    at = identified_speeds(speeds, protocol) if id_speeds is None else checked_speeds("id_speeds", id_speeds)
+    protocol = protocol.of(shared_rate(rotors))
+    at = identified_speeds(rotors[0], speeds, protocol) if id_speeds is None else checked_speeds("id_speeds", id_speeds)
     for one in at:
         protocol.check_clear(one)
     if target is not None and np.shape(target.stiffness) != (at.size, len(MODES)):

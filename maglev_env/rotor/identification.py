@@ -7,7 +7,7 @@ other speeds the unbalance would be read as an answer to the injection.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
@@ -27,6 +27,7 @@ from maglev_env.rotor.simulate import Spun, alike, reduced, shared_rate
 MODES = ("translation", "tilt")
 UNITS = {"translation": ("N/m", "N s/m"), "tilt": ("N m/rad", "N m s/rad")}
 TOP = 2000.0  # highest line, Hz; the loop's crossings lie below it
+OF_RATE = 0.4  # of the control rate, which the highest line stays below
 DENSITY = 26  # lines per controller, with a constant ratio between neighbours
 NOT_CLEAR = 1e-6  # of `Protocol.clear`: of speeds that are nearer to a multiple, rounding is left
 
@@ -70,11 +71,12 @@ class Protocol:
     """The identification experiment.
 
     Attributes:
-        fundamental: Hz; the lines are odd multiples of it.
+        fundamental: Hz; the lines are odd multiples of it. A rotor's own is that of whole control samples; see `of`.
         amplitude: Peak of the injection at each controller, A.
         settle: Periods to settle, beside those of a force rejection.
         periods: Periods that are kept.
         band: Band in which coefficients are estimated, Hz.
+        top: Highest line, Hz.
     """
 
     fundamental: float = 25 / 6
@@ -82,6 +84,12 @@ class Protocol:
     settle: int = 2
     periods: int = 4
     band: tuple[float, float] = (60.0, 180.0)
+    top: float = TOP
+
+    def of(self, control_rate: float) -> "Protocol":
+        """The protocol at a control rate (Hz): periods have whole samples, and no line lies beyond OF_RATE of it."""
+        samples = round(control_rate / self.fundamental)
+        return replace(self, fundamental=control_rate / samples, top=min(self.top, OF_RATE * control_rate))
 
     @property
     def clear(self) -> float:
@@ -116,7 +124,7 @@ class Protocol:
     @property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
         """Harmonics injected at the first and the second controller: thinned out from 1, 5, 9 ... and 3, 7, 11 ..."""
-        grid = np.geomspace(3, TOP / self.fundamental, 2 * DENSITY)
+        grid = np.geomspace(3, self.top / self.fundamental, 2 * DENSITY)
         first, second = (np.unique((np.rint((part - o) / 4) * 4 + o).astype(int)) for o, part in ((1, grid), (3, grid)))
         return first[first > 0], second[second > 0]
 
@@ -161,13 +169,13 @@ def identify_runs(
 
     Args:
         runs: The runs; they share the control rate and what their controllers act on.
-        protocol: The identification experiment.
+        protocol: The identification experiment, of which `Protocol.of` the control rate is done.
         threads: Number of threads; results do not depend on it.
 
     Raises:
-        ValueError: Control rates differ, a period is not whole, or a speed is not clear of the lines.
+        ValueError: Control rates differ, or a speed is not clear of the lines.
     """
-    shared_rate([run.rotor for run in runs])
+    protocol = protocol.of(shared_rate([run.rotor for run in runs]))
     for run in runs:
         protocol.check_clear(run.speed_rpm)
     found: list[tuple] = [()] * len(runs)

@@ -182,7 +182,7 @@ def make_rotor_task(
         raise ValueError(f"speeds = {speeds!r}; give one or more different finite numbers, rpm")
     loaded = controlled(loaded, control)
     box = rotor_box(loaded, control, tuned, bounds)
-    at = tuple(identified_speeds(ladder).tolist())
+    at = tuple(identified_speeds(loaded, ladder).tolist())
     layout = RotorLayout(
         tuple(map(float, ladder)), at, tuple(loaded.gains), box.names, rotor_target(loaded, at), budget
     )

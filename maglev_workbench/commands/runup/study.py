@@ -80,7 +80,7 @@ class Report:
 
 def report(rotor: Rotor, speeds: np.ndarray, seed: int, threads: int | None) -> Report:
     """Run up, and identify at standstill and near the top speed, where no harmonic of the rotation is on a line."""
-    at = tuple(sorted(identified_speeds(speeds).tolist(), key=abs))
+    at = tuple(sorted(identified_speeds(rotor, speeds).tolist(), key=abs))
     runs = [Run(rotor, v, (seed, 1, i)) for i, v in enumerate(at)]
     return Report(rotor, seed, run_up([rotor], speeds, seed, threads), at, identify_runs(runs, threads=threads))
 

@@ -44,6 +44,18 @@ def test_a_speed_whose_harmonics_fall_onto_lines_is_refused():
         identify_runs([Run(PUMP, 500.0)], Protocol(fundamental=4.0))
 
 
+@pytest.mark.parametrize("rate", [2500.0, 4000.0, 16_384.0, 33_333.0])
+def test_any_control_rate_has_periods_of_whole_samples_and_lines_within_it(rate):
+    slow = replace(PUMP.axis, control_rate=rate)
+    gains = {name: replace(g, kp=5000.0, td=max(g.td, 1 / rate)) for name, g in PUMP.gains.items()}
+    rotor = replace(PUMP, axis=slow, gains=gains)
+    found = evaluate_rotors([rotor], np.array([0.0, 9900.0]))
+    assert 8900 < found.id_speeds[1] <= 9900 and found.feasible[0]
+    for v, one in zip(found.id_speeds, found.identification, strict=True):
+        assert one.peak_sensitivity[0] == pytest.approx(linear_peaks(rotor, one, v), rel=0.05)
+        assert max(f.max() for f in one.frequency) == pytest.approx(min(2000.0, 0.4 * rate), rel=0.01)
+
+
 def test_an_injection_is_that_of_each_rotors_own_planes():
     runs = [Run(rotor, v, 5) for rotor in (PUMP, UNEVEN) for v in (0.0, 10_000.0)]
     beside = identify_runs(runs)
