@@ -123,10 +123,11 @@ def estimate_recorded(
     return RecordedGap(np.arange(current.size) / rate, estimate, amplitude, found.valid, found.reasons, pwm_frequency)
 
 
-def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> float:
+def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath, least: float | None = None) -> float:
     """Switching frequency (Hz) of a voltage (samples,): its strongest line that the forward path passes.
 
-    The resolution is 1 / record length.
+    The resolution is 1 / record length. Below `least` (Hz) lies the drive, by default below a tenth of the path's
+    corner; where the switching is about known, give a part of it, and a drive of some kHz is not taken for it.
 
     Raises:
         ValueError: No line stands out.
@@ -134,15 +135,15 @@ def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath) -> fl
     volts = np.asarray(voltage, dtype=float)
     power = np.abs(np.fft.rfft((volts - volts.mean()) * np.hanning(volts.size))) ** 2
     frequency = np.fft.rfftfreq(volts.size, 1 / rate)
-    corner = path.centre if isinstance(path, AnalogPath) else path.high_pass
-    power[frequency < corner / 10] = 0.0  # remove the drive, which is slower than any ripple that the path passes
+    least = least or (path.centre if isinstance(path, AnalogPath) else path.high_pass) / 10
+    power[frequency < least] = 0.0
     # Take the lowest of the strong lines, because sampling can make a harmonic the strongest; then the peak around it.
     lowest = frequency[np.argmax(power >= 0.25 * power.max())]
     near = np.abs(frequency - lowest) <= np.maximum(0.02 * lowest, 2 * frequency[1])
     top = int(np.argmax(np.where(near, power, 0.0)))
     if not power[near].sum() > _CARRIER * power.sum() or not power[top] > 0:
         raise ValueError(
-            f"voltage: no switching stands out above {corner / 10:g} Hz in its {volts.size} samples; record the coil's "
+            f"voltage: no switching stands out above {least:g} Hz in its {volts.size} samples; record the coil's "
             "switching voltage"
         )
     return float(frequency[top])

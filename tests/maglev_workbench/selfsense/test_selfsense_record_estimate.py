@@ -60,6 +60,16 @@ def campaign(tmp_path, coil):
     return write
 
 
+def test_a_strong_drive_is_not_taken_for_the_switching(campaign, tmp_path):
+    t = (np.arange(26_250) + 1) / RATE
+    gap = GAP + 30e-6 * np.sin(2 * np.pi * 100 * t)
+    sensed = simulate([SENSOR], gap, 0.5 * np.sin(2 * np.pi * 2000 * t))
+    folder = campaign(current=sensed.current[0], voltage=24 * sensed.switching[0], displacement=GAP - gap)
+    (found,) = estimated(tmp_path, folder)[0]["recordings"]
+    assert found["pwm_frequency"] == pytest.approx(25e3, abs=10)
+    assert found["valid_share"] > 0.9 and found["comparison"]["rms"] < 3e-6
+
+
 @pytest.mark.parametrize("data_format", ["npz", "mat", "csv"])
 def test_a_recorded_coil_reads_back_bit_for_bit(tmp_path, data_format):
     options = ["--seconds", 0.02, "--seed", 4, "--frequency", 150, "--duty-swing", 0.05, "--format", data_format]

@@ -11,12 +11,13 @@ from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.self_sensor import rig_sensors
-from selfsense.recorded import RecordedGap, estimate_recorded
+from selfsense.recorded import RecordedGap, estimate_recorded, find_pwm_frequency
 from selfsense.sensor import SelfSensor
 
 SUFFIXES = ("", *suffixes(2))
 _FINEST = 40  # samples per PWM period: gains designed for more differ by a few percent
 _OTHER_PWM, _OTHER_VOLTAGE = 0.02, 0.2  # shares by which a recording differs from the rig noticeably
+SWITCHING = 1 / 3  # of the rig's PWM frequency, below which a voltage's lines are its drive
 _ANOTHER_RIG = 0.5  # share by which the PWM frequency of a wrong rate or rig differs
 
 
@@ -120,8 +121,10 @@ def sense(coil: Coil, signals: Signals, rig: Rig, voltage_sampling: Literal["mea
     sensor = sensor_at(rig, rate)[SUFFIXES[1:].index(coil.suffix) if coil.suffix and rig.axes == 2 else 0]
     own = rig.self_sensing
     current_range = own.current_range if own.adc_bits else np.inf
+    frequency = find_pwm_frequency(signals.voltage, rate, sensor.estimator.path, SWITCHING * own.pwm_frequency)
+    both = signals.current, signals.voltage
     gap = estimate_recorded(
-        signals.current, signals.voltage, rate, sensor.estimator, sensor.gap, current_range, voltage_sampling
+        *both, rate, sensor.estimator, sensor.gap, current_range, voltage_sampling, pwm_frequency=frequency
     )
     if abs(gap.pwm_frequency / own.pwm_frequency - 1) > _ANOTHER_RIG:
         raise ValueError(
