@@ -115,7 +115,7 @@ def estimate_recorded(
     noise_only = _noise_only(current, volts, amplitude, rate, pwm_frequency, estimator.path)
     driving = volts[1:] - estimator.coil.resistance * (current[1:] + current[:-1]) / 2
     wrong = _wrong_readings(current, driving, rate / pwm_frequency, voltage_sampling == "point")
-    supply = (_usual(volts, rate / pwm_frequency), pwm_frequency)
+    supply = (usual_peak(volts, rate / pwm_frequency), pwm_frequency)
     found = gap_validity(estimate, amplitude, rate, estimator, *supply, clipped, noise_only, wrong)
     if not found.valid.any():
         _refuse(found.reasons, current.size)
@@ -147,6 +147,13 @@ def find_pwm_frequency(voltage: ArrayLike, rate: float, path: ForwardPath, least
             "switching voltage"
         )
     return float(frequency[top])
+
+
+def usual_peak(values: np.ndarray, period: float) -> float:
+    """The largest magnitude of a PWM period (samples), in most periods: single readings do not count."""
+    width = min(max(round(period), 2), values.size)
+    count = values.size // width
+    return float(np.quantile(np.abs(values[: count * width]).reshape(count, width).max(axis=1), MOST_PERIODS))
 
 
 @cache
@@ -203,7 +210,7 @@ def _noise_only(
     gain = np.abs(response(before, np.exp(2j * np.pi * frequency / rate)))
     expected = ripple * gain * (1 / np.sqrt(2) if path.rms else 2 / np.pi)
     expected = scipy.signal.lfilter(b, [1, a1, a2], expected)  # delayed as much as the amplitude
-    return (expected < 0.5 * amplitude) | (switching < 0.05 * _usual(volts, rate / frequency))
+    return (expected < 0.5 * amplitude) | (switching < 0.05 * usual_peak(volts, rate / frequency))
 
 
 def _wrong_readings(current: np.ndarray, driving: np.ndarray, period: float, instants: bool) -> np.ndarray:
@@ -224,15 +231,8 @@ def _wrong_readings(current: np.ndarray, driving: np.ndarray, period: float, ins
     )
     both, square = (scipy.ndimage.uniform_filter1d(drive * x, window) for x in (change, drive))
     off = np.abs(change - drive * both / np.maximum(square, np.finfo(float).tiny))
-    least = 1.5 * _usual(change, period) if instants else 2 * WRONG * _usual(ripple, period)
-    return np.concatenate([[False], off > max(UNUSUAL * _usual(off, period), least)])
-
-
-def _usual(values: np.ndarray, period: float) -> float:
-    """The largest magnitude of a PWM period (samples), in most periods: single readings do not count."""
-    width = min(max(round(period), 2), values.size)
-    count = values.size // width
-    return float(np.quantile(np.abs(values[: count * width]).reshape(count, width).max(axis=1), MOST_PERIODS))
+    least = 1.5 * usual_peak(change, period) if instants else 2 * WRONG * usual_peak(ripple, period)
+    return np.concatenate([[False], off > max(UNUSUAL * usual_peak(off, period), least)])
 
 
 def _refuse(reasons: tuple[Stretch, ...], samples: int) -> None:

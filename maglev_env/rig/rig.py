@@ -69,7 +69,7 @@ class Rig:
         name: for messages and reports.
         magnet: the kind of magnet, a name of `magnets.kinds.KINDS`, or "none".
         clearance: 0: that of the gap.
-        turns: 1 for an electromagnet: not known, its force law is given otherwise (see `magnets.electromagnet`).
+        turns: 1: not known; the force law of an electromagnet may be given otherwise (see `magnets.electromagnet`).
         force_constant: of a magnet_coil, N m^n/A, or an electromagnet, N m^n/A2.
         force_exponent: n of these.
         force_length: of an electromagnet.

@@ -79,8 +79,8 @@ def inductance(m: Magnet, displacement: np.ndarray | float = 0.0) -> np.ndarray 
 
 
 def check_turns(m: Magnet) -> None:
-    """Raise ValueError if the inductance of an electromagnet is asked for whose turns are not given."""
-    if m.magnet == "electromagnet" and not electromagnet.knows_turns(m):
+    """Raise ValueError if the inductance of a coil is asked for whose turns are not given."""
+    if not electromagnet.knows_turns(m):
         raise ValueError(
             f"rig {m.name}: turns is missing; the force law alone does not give the inductance of the coil: give turns "
             "and pole_area, beside the force law"

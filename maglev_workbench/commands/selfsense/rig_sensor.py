@@ -12,6 +12,7 @@ from maglev_workbench.page import rig_facts
 from selfsense.sensor import SelfSensor
 
 DEFAULT_RIG = "hmb_free"
+OTHER_INDUCTANCE = 0.2  # share by which a stated inductance may differ from that of the geometry
 DISSERTATION_RATE = 250e3  # Hz
 
 
@@ -46,13 +47,25 @@ def sampling_note(sensor: SelfSensor) -> str:
     )
 
 
+def other_inductance(rig: Rig, sensor: SelfSensor) -> str:
+    """A sentence where the inductance that a rig states is not the one that self-sensing counts on; "" where it is."""
+    counted = float(sensor.coil.inductance(sensor.gap))
+    if rig.coil_inductance is None or abs(rig.coil_inductance / counted - 1) <= OTHER_INDUCTANCE:
+        return ""
+    return (
+        f"the rig states a coil_inductance of {1e3 * rig.coil_inductance:.3g} mH; self-sensing counts on the "
+        f"{1e3 * counted:.3g} mH of turns, pole_area and gap, by which the gap is wrong if the coil has the other"
+    )
+
+
 def made_by(rig: Rig, sensor: SelfSensor, **settings: object) -> Mapping[str, object]:
     """Names and values for a page's foot: rig, coil, supply, reading, estimator, the command's settings, version."""
     coil, e = sensor.coil, sensor.estimator
+    other = other_inductance(rig, sensor)
     return {
         **{name: text for name, text in rig_facts(asdict(rig)).items() if name != "Excitation"},
         "Coil": f"{coil.turns:g} turns, {1e3 * float(coil.inductance(sensor.gap)):.3g} mH at {1e3 * sensor.gap:g} mm, "
-        f"{coil.resistance:g} ohm" + (" (x axis)" if rig.axes == 2 else ""),
+        f"{coil.resistance:g} ohm" + (" (x axis)" if rig.axes == 2 else "") + (f"; {other}" if other else ""),
         "Supply": f"±{sensor.supply.voltage:g} V, {sensor.supply.frequency / 1e3:g} kHz",
         "Coil current": f"read at {sensor.acquisition.rate / 1e3:g} kHz, {reading_text(sensor)}",
         "Estimator": f"{type(e.path).__name__}, kp {e.kp:.4g} m/A, ki {e.ki:.4g} m/(A s), from "

@@ -222,6 +222,10 @@ def test_inductance_and_self_sensing_need_the_turns_and_take_the_gap_offset():
     for asked in (lambda: inductance(rig), lambda: rig_sensors(rig)):
         with pytest.raises(ValueError, match="turns is missing"):
             asked()
+    pair = replace(load_rig("hmb_free"), turns=1.0)
+    for asked in (lambda: inductance(pair), lambda: rig_sensors(pair)):
+        with pytest.raises(ValueError, match="turns is missing"):
+            asked()
     known = replace(PLAIN, gap_offset=A)
     assert inductance(known, 1e-3) == pytest.approx(4e-7 * np.pi * 1000**2 * 3e-4 / (2 * (3e-3 + A)))
     assert rig_sensors(known)[0].coil.inductance(4e-3) == pytest.approx(inductance(known))

@@ -223,6 +223,16 @@ def test_what_looks_odd_is_said(tmp_path, campaign, coil):
     assert found["pwm_frequency"] == pytest.approx(21e3, abs=10) and "switches at 21 kHz" in found["notes"][0]
 
 
+def test_a_stated_inductance_that_is_not_counted_on_is_said(tmp_path, campaign):
+    text = (resources.files("maglev_env") / "rigs" / "hmb_free.toml").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace("coil_inductance = 0.57e-3", "coil_inductance = 1.0e-3"))
+    data, page, _, told = estimated(tmp_path, campaign(), "--rig", tmp_path / "mine.toml")
+    for words in ("states a coil_inductance of 1 mH", "counts on the 0.571 mH"):
+        assert words in told and any(words in note for note in data["recordings"][0]["notes"])
+        assert page.count(words) == 2
+    assert "coil_inductance" not in estimated(tmp_path, campaign())[3]
+
+
 def test_a_wrong_rate_shows_in_the_pwm_frequency(tmp_path, coil):
     np.savez(tmp_path / "coil.npz", **coil)
     text = run("estimate", tmp_path / "coil.npz", "--rate", 100e3, "--out", tmp_path / "k.html", code=2)

@@ -11,7 +11,8 @@ from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.self_sensor import rig_sensors
-from selfsense.recorded import RecordedGap, estimate_recorded, find_pwm_frequency
+from maglev_workbench.commands.selfsense.rig_sensor import other_inductance
+from selfsense.recorded import RecordedGap, estimate_recorded, find_pwm_frequency, usual_peak
 from selfsense.sensor import SelfSensor
 
 SUFFIXES = ("", *suffixes(2))
@@ -133,7 +134,7 @@ def sense(coil: Coil, signals: Signals, rig: Rig, voltage_sampling: Literal["mea
             "recorded with --rig"
         )
     comparison = _compare(gap, signals, sensor)
-    return SensedCoil(coil, signals, sensor, gap, comparison, _notes(gap, signals, sensor, comparison))
+    return SensedCoil(coil, signals, sensor, gap, comparison, _notes(gap, signals, sensor, comparison, rig))
 
 
 def sensor_at(rig: Rig, rate: float) -> tuple[SelfSensor, ...]:
@@ -163,14 +164,17 @@ def _compare(gap: RecordedGap, signals: Signals, sensor: SelfSensor) -> Comparis
     return Comparison(float(np.sqrt(np.mean(error**2))), float(error.mean()), float(gain), float(offset))
 
 
-def _notes(gap: RecordedGap, signals: Signals, sensor: SelfSensor, comparison: Comparison | None) -> tuple[str, ...]:
-    notes, supply = [], sensor.supply
+def _notes(
+    gap: RecordedGap, signals: Signals, sensor: SelfSensor, comparison: Comparison | None, rig: Rig
+) -> tuple[str, ...]:
+    other, supply = other_inductance(rig, sensor), sensor.supply
+    notes = [other] if other else []
     if abs(gap.pwm_frequency / supply.frequency - 1) > _OTHER_PWM:
         notes.append(
             f"the voltage switches at {gap.pwm_frequency / 1e3:.4g} kHz, the rig at {supply.frequency / 1e3:g} kHz: "
             "the estimator's gains are made for the rig's; name the rig that was recorded with --rig"
         )
-    highest = float(np.abs(signals.voltage).max())
+    highest = usual_peak(signals.voltage, sensor.acquisition.rate / gap.pwm_frequency)
     if abs(highest / supply.voltage - 1) > _OTHER_VOLTAGE:
         notes.append(
             f"the voltage reaches {highest:.3g} V, the rig's supply has {supply.voltage:g} V: check the channel's "
