@@ -30,7 +30,7 @@ class SelfSensing:
         current_range: the converter covers +-current_range, A.
         forward_path: "digital" or "analog".
         kp: gain of the estimator, m/A; None for kp and ki: those with the largest phase margin at the given lag.
-        ki: gain of the estimator, m/(A s).
+        ki: gain of the estimator, m/(A s), above 0: without it no error would be removed.
         lag: of the estimated gap at lag_frequency, degrees.
         lag_frequency: Hz.
 
@@ -59,7 +59,7 @@ class SelfSensing:
                 raise ValueError(f"[self_sensing]: {f.name} = {value!r} is not a finite number")
         if (self.kp is None) != (self.ki is None):
             raise ValueError("[self_sensing]: give both kp and ki, or neither")
-        for name, least in (("core_length", 0), ("kp", 0), ("ki", 0), ("lag", None), ("lag_frequency", None)):
+        for name, least in (("core_length", 0), ("kp", 0), ("ki", None), ("lag", None), ("lag_frequency", None)):
             value = getattr(self, name)
             if value is not None and (value < 0 or (least is None and value == 0)):
                 raise ValueError(

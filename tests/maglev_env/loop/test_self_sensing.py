@@ -498,6 +498,7 @@ SLOW = Excitation("sphs", "force", 20003.7 / 1000, (1, 2), 0.1)
         ('forward_path = "optical"', ["forward_path = 'optical'", "digital or analog"]),
         ("kp = 1e-3", ["give both kp and ki, or neither"]),
         ("kp = -1e-3\nki = 1.0", ["kp = -0.001", "at least 0"]),
+        ("kp = 1e-3\nki = 0.0", ["ki = 0", "positive"]),
         ("lag = 0.0", ["lag = 0", "positive"]),
         ("lag_frequency = -1.0", ["lag_frequency = -1", "positive"]),
     ],
