@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, log2
+from math import ceil, log2, sqrt
 
 import numpy as np
 
@@ -42,10 +42,11 @@ def enough_substeps(rotor: Rotor) -> int:
         ValueError: More than MOST_STEPS.
     """
     axial, fluid, touch = rotor.axial, rotor.fluid, rotor.touchdown
-    stiffness, damping = touch.stiffness + abs(fluid.stiffness), fluid.damping
-    turn = np.sqrt(max(stiffness * _pushed(rotor), (2 * axial.stiffness + touch.stiffness) / rotor.moving_mass))
+    pushed, lifted = _pushed(rotor), 1 / rotor.moving_mass
+    radial, along = touch.stiffness + abs(fluid.stiffness), touch.stiffness + 2 * axial.stiffness
+    turn = sqrt(max(radial * pushed, along * lifted))
     # An impact at the touchdown's speed is damped at this multiple of the rate at which the contact swings.
-    rate = touch.damping * touch.speed * turn + max(damping * _pushed(rotor), axial.damping / rotor.moving_mass)
+    rate = touch.damping * touch.speed * turn + max(fluid.damping * pushed, axial.damping * lifted)
     steps = max(turn / MOST_TURN, rate / MOST_DECAY, 1.0) / rotor.axis.control_rate
     if steps > MOST_STEPS:
         raise ValueError(

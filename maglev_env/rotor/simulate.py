@@ -99,7 +99,8 @@ def reduced(
         if start.shape not in ((10,), (len(runs), STATES)):
             raise ValueError(f"start: {start.shape}; give q and rates (10,), or the end ({len(runs)}, {STATES})")
         start = np.broadcast_to(start, (len(runs), start.shape[-1]))
-    steps = [max(substeps, enough_substeps(run.rotor)) for run in runs]
+    enough = {id(rotor): enough_substeps(rotor) for rotor in {id(run.rotor): run.rotor for run in runs}.values()}
+    steps = [max(substeps, enough[id(run.rotor)]) for run in runs]
     ends = [0, *(np.flatnonzero(np.diff(steps)) + 1).tolist(), len(runs)]
     blocks = [(steps[a], slice(i, min(i + LANES, b))) for a, b in pairwise(ends) for i in range(a, b, LANES)]
 
