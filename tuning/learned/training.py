@@ -13,16 +13,14 @@ import numpy as np
 import torch
 
 from maglev_env.recordings.result_folder import load_arrays, save_arrays
-from maglev_env.task.task import Task
+from tuning.learned.encounters import DrawTasks, encounters
 from tuning.learned.familiar import familiar
 from tuning.learned.policy import HistoryPolicy, Shape, shape_for, stack
 from tuning.lockstep import optima
-from tuning.study.study import experiments
 
 if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
 
-SPREAD = 0.15  # standard deviation of the noise on a policy's actions while it collects data, for variety
 GROUP = 125  # rigs of one task whose experiments are simulated together
 
 
@@ -64,9 +62,6 @@ class Group:
     best: np.ndarray
     seen: np.ndarray
     scores: np.ndarray
-
-
-DrawTasks = Callable[[np.random.Generator], tuple[Task, Task]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,18 +170,7 @@ def _group(job: _Job, threads: int | None = None) -> Group:
     episodes = [task.draw(rng) for _ in range(n)]
     same = [replace(e, rig=replace(e.rig, protocol=searched.rig.protocol)) for e in episodes]
     best, _ = optima(searched, same, int(rng.integers(2**31)), plan.search, threads)
-    k = len(task.box.names)
-    seen = np.zeros((n, plan.history, len(task.layout.names)), np.float32)
-    scores = np.zeros((n, plan.history))
-    for t in range(plan.history):
-        if t == 0:
-            points = np.stack([e.start for e in episodes])
-        elif policy is None:
-            points = rng.uniform(-1, 1, (n, k))
-        else:
-            points = policy.act(seen[:, :t]) + SPREAD * rng.standard_normal((n, k)) * (rng.random((n, 1)) < 0.5)
-        found = experiments(task, episodes, np.clip(points, -1, 1), [t + 1] * n, threads)
-        seen[:, t], scores[:, t] = found.observation, found.score
+    seen, scores = encounters(task, episodes, policy, plan.history, rng, threads)
     return Group(best, seen, scores)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.evaluation.score import stacked
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
-from tuning.learned.familiar import FROM, SHARE
+from tuning.learned.familiar import SHARE
 from tuning.learned.policy import HistoryPolicy, Shape, load_policy
 from tuning.search.corrected.tuner import ModelCorrected
 from tuning.tuner import Trials
@@ -22,8 +22,9 @@ class LearnedTuner:
     """Tries the episode's safe start, then what the policy computes from all observations so far.
 
     When it has as many observations as it was trained with, it tries the surroundings of the best-scored point. Where
-    an observation lies farther from those of the training than any of them did, the policy is out of its depth: the
-    model-corrected tuner goes on with all experiments so far, and `note` says so.
+    an observation at gains that the policy chose lies farther from the mean of the training than nearly all
+    observations did there (`familiar.SHARE`), the policy is out of its depth: the model-corrected tuner goes on with
+    all experiments so far, and `note` says so.
     """
 
     note: str | None = None
@@ -59,7 +60,8 @@ class LearnedTuner:
         return np.clip(points, -1.0, 1.0)
 
     def tell(self, trials: Trials) -> None:
-        self._told = trials if self._told is None else self._told + trials
+        start = self._told is None  # these gains are the episode's, however many were asked for together
+        self._told = trials if start else self._told + trials
         if self._corrected is not None:
             self._corrected.tell(trials)
             return
@@ -69,11 +71,12 @@ class LearnedTuner:
         seen[:, self._left] = np.clip(1 - 2 * count / history, -1, 1)
         self._seen = np.concatenate([self._seen, seen])
         known = self._policy.familiar
-        if known is None or len(self._told) <= FROM:
+        if known is None or start:
             return
-        if (far := float(known.distance(seen).max())) > known.limit:
+        far = known.distance(seen)
+        if far[row := int(far.argmax())] > known.limit:
             self.note = (
-                f"the policy is out of its depth: experiment {len(self._told)} lies {far:.1f} standard deviations from "
+                f"the policy is out of its depth: experiment {count[row]} lies {far[row]:.1f} standard deviations from "
                 f"the mean of its training ({SHARE:.0%} of that within {known.limit:.1f}); the model-corrected tuner "
                 "goes on"
             )

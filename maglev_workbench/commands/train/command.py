@@ -17,7 +17,7 @@ from maglev_workbench.options import (
 )
 
 SCHEMA = "maglev-training/1"
-BY = ("imitation", "ppo", "sac")
+BY = ("imitation", "ppo", "sac", "familiar")
 SPEC, POLICY, GROUPS = "training.json", "policy.npz", "groups"
 EXPERIMENTS = 100_000  # default number of experiments of ppo and sac
 app = typer.Typer()
@@ -30,16 +30,22 @@ app = typer.Typer()
 def train(
     rig: RigOption = "hmb_free",
     by: Annotated[
-        str, typer.Option(help="imitation (of searched optima), or ppo or sac (Stable-Baselines3).")
+        str,
+        typer.Option(
+            help="imitation (of searched optima), or ppo or sac (Stable-Baselines3); familiar: the weights of --init "
+            "stay, and only what is familiar to it is found anew."
+        ),
     ] = "imitation",
     controller: ControllerOption = None,
     protocol: Annotated[str, typer.Option(help="Experiment that the policy observes: full, or quick.")] = "full",
-    rigs: Annotated[int | None, typer.Option(min=1, help="Imitation: total number of rigs (default: 6000).")] = None,
+    rigs: Annotated[
+        int | None, typer.Option(min=1, help="imitation and familiar: total number of rigs (default: 6000).")
+    ] = None,
     experiments: Annotated[
         int | None, typer.Option(min=1, help="ppo and sac: total number of experiments (default: 100,000).")
     ] = None,
     judged: Annotated[int, typer.Option("--held-out", min=2, help="Number of held-out rigs for the test.")] = 100,
-    init: Annotated[Path | None, typer.Option(help="ppo and sac: initial policy.")] = None,
+    init: Annotated[Path | None, typer.Option(help="ppo, sac and familiar: initial policy.")] = None,
     seed: SeedOption = 0,
     scheduler: SchedulerOption = None,
     out: Annotated[
@@ -67,14 +73,17 @@ def train(
     from tuning.learned.worlds import World
 
     require_choice(by, BY, "--by")
-    if init is not None and by == BY[0]:
+    searched, kept = by == BY[0], by == BY[-1]  # nothing is kept of a policy, or all but what is familiar to it
+    if kept and init is None:
+        raise ValueError("--by familiar: name the policy whose weights stay (--init)")
+    if init is not None and searched:
         raise ValueError("--init: imitation begins anew; leave it out, or use --by ppo or sac")
-    if scheduler is not None and by != BY[0]:
+    if scheduler is not None and not searched:
         raise ValueError("--scheduler: only imitation is spread over workers")
-    if rigs is not None and by != BY[0]:
+    if rigs is not None and not (searched or kept):
         raise ValueError(f"--rigs: of imitation; {by} draws as many as --experiments take")
-    if experiments is not None and by == BY[0]:
-        raise ValueError("--experiments: of ppo and sac; imitation takes --rigs")
+    if experiments is not None and (searched or kept):
+        raise ValueError(f"--experiments: of ppo and sac; {by} takes --rigs")
     check_experiments(max(rigs or 0, judged), 0, "--rigs and --held-out")
     centre = load_rig(rig) if controller is None else with_controller(with_defaults(load_rig(rig)), controller)
     world = World(centre, protocol)
@@ -86,9 +95,13 @@ def train(
     from tuning.learned.training import train as train_by_imitation
 
     rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
-    plan = Plan(rigs=rigs)
-    begun = None if init is None else load_policy(init)[0]
-    if by != BY[0]:
+    plan = Plan(rigs=rigs) if searched else Plan()
+    begun, origin = (None, {}) if init is None else load_policy(init)
+    if kept:
+        from tuning.learned.encounters import acquainted, check_fits
+
+        check_fits(begun, world.task())
+    elif not searched:
         from tuning.learned.reinforcement import check_training
 
         check_training([world.task()], by, experiments, begun)
@@ -96,39 +109,44 @@ def train(
     require_folder(folder)
     made_by = {
         "schema": SCHEMA, "version": code_version(), "by": by, "seed": seed,
-        "world": plain(asdict(world)), "plan": asdict(plan) if by == "imitation" else {"experiments": experiments},
-        "init": None if init is None else str(init),
+        "world": plain(asdict(world)), "init": None if init is None else str(init),
+        "plan": asdict(plan) if searched else {"rigs": rigs} if kept else {"experiments": experiments},
     }  # fmt: skip
     started = perf_counter()
     with workers(scheduler) as spread, locked(folder):
         claim(folder / SPEC, made_by, "training")
         (folder / GROUPS).mkdir(exist_ok=True)
         with progress_bar() as bar:
-            total = rigs if by == "imitation" else experiments
+            total = rigs if searched or kept else experiments
             line = bar.add_task("train", total=total)
 
             def advance(text: str, count: int) -> None:
                 bar.update(line, advance=count, description=text)
 
             try:
-                if by == "imitation":
+                if kept:
+                    policy, log = begun, []
+                    policy.familiar = acquainted(world.draw, policy, rigs, seed, lambda n: advance(by, n))
+                elif searched:
                     policy, log = train_by_imitation(world.draw, plan, seed, folder / GROUPS, advance, spread)
                 else:
                     policy, log = reinforced(world, by, experiments, seed, begun, advance)
             except KeyboardInterrupt:
-                if by == BY[0]:
+                if searched:
                     console.print(
                         f"stopped; finished groups of rigs are in {folder}: run the command again to continue"
                     )
                 raise
         found = judge(world, policy, judged, seed)
         seconds = perf_counter() - started
-        amount = (
-            f"--rigs {rigs}" if by == BY[0] else f"--experiments {experiments}" + (f" --init {init}" if init else "")
+        amount = (f"--rigs {rigs}" if searched or kept else f"--experiments {experiments}") + (
+            f" --init {init}" if init else ""
         )
         command = f"maglev train --rig {rig} --by {by} --protocol {protocol} {amount} --seed {seed}"
         command += f" --controller {quote(controller)}" if controller else ""
-        save_policy(folder / POLICY, policy, {**made_by, "held_out": found, "command": command})
+        made = {**made_by, "held_out": found, "command": command}
+        # What made the weights stays on record beside what made the rest.
+        save_policy(folder / POLICY, policy, {**origin, "familiar": made} if kept else made)
     data = {"schema": SCHEMA, "made_by": made_by, "log": log, "held_out": found, "seconds": seconds}
     write_json(folder / "train.json", data)
     write_json(json_file, data)

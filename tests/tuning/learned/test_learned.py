@@ -3,6 +3,7 @@
 import json
 import pickle
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from maglev_env.task.task import make_task
 from tuning.comparison.rigs import held_out
 from tuning.learned import policy as policy_module
 from tuning.learned import tuner as tuner_module
-from tuning.learned.familiar import SHARE, familiar
+from tuning.learned.encounters import acquainted
+from tuning.learned.familiar import SHARE, Familiar, familiar
 from tuning.learned.policy import HistoryPolicy, load_policy, save_policy, shape_for, stack
 from tuning.learned.training import Plan, train
 from tuning.learned.tuner import SHIPPED, LearnedTuner, shipped_policy
@@ -170,6 +172,44 @@ def test_a_policy_out_of_its_depth_gives_way_and_says_so():
         notes[name] = tuner.note
     assert notes["plain"] is None
     assert "out of its depth: experiment 2 lies" in notes["strange"] and trials.score.max() > 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("protocol", "rigs", "budget"), [("quick", 20, 30), ("full", 12, 10)])
+def test_a_shipped_policy_is_in_its_depth_on_rigs_like_those_of_its_training(protocol, rigs, budget):
+    """At every experiment of its history, and around the best gains after it."""
+    task = World(load_rig("hmb_free"), protocol).task()
+    _, lanes, seeds = held_out(task, rigs, 1, 4711, affected=True)
+    tuners = [LearnedTuner(task, e, shipped_policy(task), s) for e, s in zip(lanes, seeds, strict=True)]
+    side_by_side(task, lanes, tuners, budget)
+    assert sum(t.note is not None for t in tuners) <= 0.15 * rigs
+
+
+@pytest.mark.slow
+def test_start_gains_are_never_judged_and_the_note_names_the_experiment_that_is_far():
+    policy = HistoryPolicy(SHAPE)
+    size = len(SHAPE.names)
+    policy.familiar = Familiar(np.zeros(size), np.eye(size), np.array(0.0))  # nothing is familiar
+    episode = TASK.draw(np.random.default_rng(0))
+    tuner = LearnedTuner(TASK, episode, policy, 0)
+    tuner.tell(experiments(TASK, [episode] * 3, tuner.ask(3), 1))
+    assert tuner.note is None
+    own = experiments(TASK, [episode] * 3, tuner.ask(3), 4)
+    tuner.tell(replace(own, observation=own.observation * np.array([[0.5], [1.0], [0.1]], np.float32)))
+    assert "experiment 5 lies" in tuner.note
+
+
+@pytest.mark.slow
+def test_what_is_familiar_to_any_policy_comes_from_all_of_its_experiments_but_the_start():
+    world = World(load_rig("hmb_free"), budget=SHAPE.history)
+    policy = HistoryPolicy(SHAPE)
+    one, two = (acquainted(world.draw, policy, 60, 3) for _ in range(2))
+    np.testing.assert_array_equal(one.inverse, two.inverse)
+    left = SHAPE.names.index("experiments_left")
+    assert one.mean[left] == pytest.approx(np.mean([0.0, -0.5, -1.0]), abs=0.05)  # of 4: the 2nd, 3rd and 4th
+    assert policy.familiar is None
+    with pytest.raises(ValueError, match="another number of experiments"):
+        acquainted(World(load_rig("hmb_free"), budget=9).draw, policy, 2, 0)
 
 
 def test_a_rig_without_a_policy_is_tuned_by_the_model_and_the_reason_is_said():

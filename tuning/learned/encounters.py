@@ -1,0 +1,100 @@
+"""What a policy meets: experiments on drawn rigs at the gains that it chooses, and what they have in common."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+
+from maglev_env.task.episodes import Episode
+from maglev_env.task.task import Task
+from tuning.learned.familiar import Familiar, familiar
+from tuning.learned.policy import HistoryPolicy, shape_for
+from tuning.study.study import experiments
+
+SPREAD = 0.15  # standard deviation of the noise on a policy's actions while it collects data, for variety
+GROUP = 25  # rigs that share a task: few, so that many effects are met
+MIXED = 141421  # mixed into the seed so that these rigs never coincide with rigs drawn elsewhere
+
+DrawTasks = Callable[[np.random.Generator], tuple[Task, Task]]
+
+
+def encounters(
+    task: Task,
+    episodes: Sequence[Episode],
+    policy: HistoryPolicy | None,
+    count: int,
+    rng: np.random.Generator,
+    threads: int | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Experiments on n rigs: first at their safe starts, then at the gains of the noisy policy (None: at random).
+
+    Args:
+        task: The task of all rigs.
+        episodes: The n rigs.
+        policy: The policy.
+        count: Number of experiments of each rig.
+        rng: Source of the noise on the policy's actions, and of random gains.
+        threads: Number of threads; None for all cores.
+
+    Returns:
+        Observations (n, count, size), float32, and scores (n, count).
+    """
+    n, k = len(episodes), len(task.box.names)
+    seen = np.zeros((n, count, len(task.layout.names)), np.float32)
+    scores = np.zeros((n, count))
+    for t in range(count):
+        if t == 0:
+            points = np.stack([e.start for e in episodes])
+        elif policy is None:
+            points = rng.uniform(-1, 1, (n, k))
+        else:
+            points = policy.act(seen[:, :t]) + SPREAD * rng.standard_normal((n, k)) * (rng.random((n, 1)) < 0.5)
+        found = experiments(task, episodes, np.clip(points, -1, 1), [t + 1] * n, threads)
+        seen[:, t], scores[:, t] = found.observation, found.score
+    return seen, scores
+
+
+def acquainted(
+    draw_tasks: DrawTasks,
+    policy: HistoryPolicy,
+    rigs: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda rigs: None,
+) -> Familiar:
+    """What is familiar to a policy, however it was trained: as after an imitation, on freshly drawn rigs.
+
+    The same seed gives the same numbers on the same machine.
+
+    Args:
+        draw_tasks: Draws a pair of tasks, of which the first is observed.
+        policy: The policy, which stays as it is.
+        rigs: Number of rigs.
+        seed: Seed of every choice.
+        progress: Called with the number of rigs since the last call.
+
+    Raises:
+        ValueError: The policy does not fit the tasks (`check_fits`).
+    """
+    seen, threads = [], torch.get_num_threads()
+    torch.set_num_threads(1)  # so that sums are computed in the same order on any machine
+    try:
+        for group, begun in enumerate(range(0, rigs, GROUP)):
+            rng = np.random.default_rng((MIXED, seed, group))
+            task, _ = draw_tasks(rng)
+            check_fits(policy, task)
+            episodes = [task.draw(rng) for _ in range(min(GROUP, rigs - begun))]
+            seen.append(encounters(task, episodes, policy, policy.shape.history, rng)[0])
+            progress(len(episodes))
+    finally:
+        torch.set_num_threads(threads)
+    return familiar(np.concatenate(seen))
+
+
+def check_fits(policy: HistoryPolicy, task: Task) -> None:
+    """Check that a policy was trained for a task.
+
+    Raises:
+        ValueError: It was not.
+    """
+    if policy.shape != shape_for(task, task.budget, policy.shape.width):
+        raise ValueError("init: trained for other observations or gains, or another number of experiments, than here")
