@@ -30,7 +30,7 @@ class Outcome:
     Attributes:
         trials: All trials in order.
         reused: Number of them that an earlier run made.
-        dropped: Whether a record of the journal was incomplete, as after a kill while it was written; its experiments
+        dropped: Whether the last record of the journal was incomplete, as after a kill while it was written; its experiments
             were repeated.
     """
 
@@ -105,7 +105,7 @@ def run_study(
 
     Raises:
         ValueError: The folder holds another study, or one of another version, or the tuner asks for other points than
-            the journal holds.
+            the journal holds, or a record of the journal is damaged that is not the last.
         BlockingIOError: Another process works on it.
     """
     if budget < 1 or batch < 1:
@@ -139,24 +139,28 @@ def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress
 
 
 def _read(path: Path) -> tuple[list[Trials], bool]:
-    """Complete records of a journal, and whether something after them was cut off."""
+    """Records of a journal, and whether its last one was broken, which is then cut off.
+
+    Raises:
+        ValueError: A record before the last one is damaged, which no kill explains.
+    """
     if not path.exists():
         return [], False
-    kept, end = [], 0
+    kept: list[Trials] = []
     lines = path.read_bytes().splitlines(keepends=True)
-    for line in lines:
+    for number, line in enumerate(lines, 1):
         try:
-            record = json.loads(line) if line.endswith(b"\n") else None
-            trials = _trials(record)
-        except (ValueError, KeyError, TypeError, AttributeError):
-            break
-        kept.append(trials)
-        end += len(line)
-    whole = sum(map(len, lines))
-    if end < whole:
-        with path.open("r+b") as file:
-            file.truncate(end)
-    return kept, end < whole
+            kept.append(_trials(json.loads(line) if line.endswith(b"\n") else None))
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            if number < len(lines):
+                raise ValueError(
+                    f"{path}: line {number} of {len(lines)} is damaged ({error!r}); put back the file as it was, or "
+                    "delete this line and those behind it, and their experiments are made again"
+                ) from None
+            with path.open("r+b") as file:
+                file.truncate(sum(map(len, lines[:-1])))
+            return kept, True
+    return kept, False
 
 
 def _trials(record: dict[str, Any]) -> Trials:
@@ -167,6 +171,10 @@ def _trials(record: dict[str, Any]) -> Trials:
     found = Trials(points, score, observation, info, np.array(record["touchdown"], bool))
     if {len(part) for part in (score, observation, info, found.touchdown)} != {len(points)}:
         raise ValueError("arrays of unequal length")
+    if points.ndim != 2 or not (np.abs(points) <= 1).all():  # not a number is not within any bounds
+        raise ValueError("points that are not in the box -1 .. 1")
+    if score.ndim != 1 or not ((score >= 0) & (score <= 1)).all():
+        raise ValueError("a score that is not in 0 .. 1")
     return found
 
 

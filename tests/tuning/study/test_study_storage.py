@@ -69,6 +69,37 @@ def test_a_broken_record_is_made_again(tmp_path, whole):
     assert journal.read_bytes() == text
 
 
+@pytest.mark.parametrize(
+    ("record", "line", "words"),
+    [
+        (1, b'{"points": [[0', "line 2 of 3"),
+        (0, {"score": [np.nan] * 4}, "0 .. 1"),
+        (0, {"points": [[2] * 3] * 4}, "box"),
+    ],
+)
+def test_a_damaged_record_before_the_last_is_named_and_nothing_is_deleted(tmp_path, record, line, words):
+    study(tmp_path)
+    journal = tmp_path / JOURNAL
+    lines = journal.read_bytes().splitlines(keepends=True)
+    lines[record] = line if isinstance(line, bytes) else json.dumps(json.loads(lines[record]) | line).encode()
+    damaged = b"".join([*lines[:record], lines[record] + b"\n", *lines[record + 1 :]])
+    journal.write_bytes(damaged)
+    with pytest.raises(ValueError, match=words):
+        study(tmp_path)
+    assert journal.read_bytes() == damaged
+
+
+def test_an_unsound_last_record_is_made_again(tmp_path, whole):
+    study(tmp_path)
+    journal = tmp_path / JOURNAL
+    lines = journal.read_text().splitlines()
+    lines[-1] = json.dumps(json.loads(lines[-1]) | {"score": [7.0] * 4})
+    journal.write_text("\n".join(lines) + "\n")
+    again = study(tmp_path)
+    same(again, whole)
+    assert again.dropped and again.reused == 8
+
+
 def test_a_search_that_learns_goes_on_as_it_would_have(tmp_path):
     def search():
         return DifferentialEvolution(3, 1, population=2)
