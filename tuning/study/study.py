@@ -30,8 +30,8 @@ class Outcome:
     Attributes:
         trials: All trials in order.
         reused: Number of them that an earlier run made.
-        dropped: Whether the last record of the journal was incomplete, as after a kill while it was written; its experiments
-            were repeated.
+        dropped: Whether the last record of the journal was incomplete, as after a kill while it was written; its
+            experiments were repeated.
     """
 
     trials: Trials
