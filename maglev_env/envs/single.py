@@ -1,6 +1,8 @@
 """The scalar environment; its docstring specifies all environments of rigs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from copy import copy
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
@@ -106,7 +108,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         self.render_mode = render_mode
         self.action_space, self.observation_space = spaces_of(self.task)
         self._canvas = None
-        self._episode, self._ended = None, False
+        self._episode, self._count, self._history, self._ended = None, 0, [], False
 
     @staticmethod
     def picture(task: Any, episode: Any, history: "History") -> "Figure":
@@ -129,9 +131,10 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """Draw an episode and make its first experiment; there are no options."""
         super().reset(seed=seed)
-        self._episode, self._count, self._history = self.task.draw(self.np_random), 0, []
-        self._ended = False
-        observation, _, info, _ = self._measure(self._episode.start)
+        with all_or_nothing(self, _STATE, [self.np_random]):
+            self._episode, self._count, self._history = self.task.draw(self.np_random), 0, []
+            self._ended = False
+            observation, _, info, _ = self._measure(self._episode.start)
         return observation, info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
@@ -141,11 +144,12 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._ended:
             raise gym.error.ResetNeeded("the episode has ended: call reset before the next step")
         checked = checked_actions(np.asarray(action)[None], self.action_space, 1)[0]
-        self._count += 1
-        observation, reward, info, down = self._measure(self.task.tried(self._history[-1][0], checked))
-        terminated = bool(down and self.task.terminate_on_touchdown)
-        truncated = self._count >= self.task.budget
-        self._ended = terminated or truncated
+        with all_or_nothing(self, _STATE):
+            self._count += 1
+            observation, reward, info, down = self._measure(self.task.tried(self._history[-1][0], checked))
+            terminated = bool(down and self.task.terminate_on_touchdown)
+            truncated = self._count >= self.task.budget
+            self._ended = terminated or truncated
         return observation, reward, terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
@@ -178,6 +182,27 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
         if self.render_mode == "human":
             self.render()
         return observations[0], float(rewards(found)[0]), info, bool(np.isfinite(found.touchdown_time[0]))
+
+
+_STATE = ("_episode", "_count", "_history", "_ended")  # what a step changes
+
+
+@contextmanager
+def all_or_nothing(env: object, names: Iterable[str], rngs: Iterable[np.random.Generator] = ()) -> Iterator[None]:
+    """Put attributes and random generators back where what follows ends in an error or an interruption.
+
+    A step that was interrupted then uses up neither budget nor noise. Of a list its items are kept as they are.
+    """
+    before = {name: copy(getattr(env, name)) for name in names}
+    states = [(rng, rng.bit_generator.state) for rng in rngs]
+    try:
+        yield
+    except BaseException:
+        for name, value in before.items():
+            setattr(env, name, value)
+        for rng, state in states:
+            rng.bit_generator.state = state
+        raise
 
 
 def check_arguments(arguments: Mapping[str, Any], make_task: Callable[..., Tuning]) -> None:

@@ -10,9 +10,10 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from maglev_env.envs.single import RigEnv, check_arguments, checked_actions, spaces_of
+from maglev_env.envs.single import RigEnv, all_or_nothing, check_arguments, checked_actions, spaces_of
 from maglev_env.task.task import Tuning, infos, make_task, rewards
 
+_STATE = ("_episodes", "_counts", "_done", "_histories", "_observations")  # what a step changes
 _Outcome = tuple[np.ndarray, list[dict[str, Any]], np.ndarray]
 
 
@@ -82,7 +83,8 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
                 raise ValueError(f"reset_mask: give {self.num_envs} booleans, at least one of them true")
         self._seed(seed, mask)
-        _, told, _ = self._measure(np.flatnonzero(mask), fresh=mask, actions=np.zeros((self.num_envs, self._size)))
+        with all_or_nothing(self, _STATE, self._rngs):
+            _, told, _ = self._measure(np.flatnonzero(mask), fresh=mask, actions=np.zeros((self.num_envs, self._size)))
         return self._observations.copy(), self._gathered(np.flatnonzero(mask), told)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -94,13 +96,14 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         fresh = self._done & (self.mode is AutoresetMode.NEXT_STEP)
         if self._done.any() and self.mode is AutoresetMode.DISABLED:
             raise gym.error.ResetNeeded("an environment has ended: reset it with options={'reset_mask': ...}")
-        reward, told, down = self._measure(everyone, fresh, checked)
-        reward = np.where(fresh, 0.0, reward)
-        terminated = down & ~fresh & self.task.terminate_on_touchdown
-        truncated = (self._counts >= self.task.budget) & ~fresh
-        self._done = terminated | truncated
-        restart = self.mode is AutoresetMode.SAME_STEP and self._done.any()
-        info = self._restarted(told) if restart else self._gathered(everyone, told)
+        with all_or_nothing(self, _STATE, self._rngs):
+            reward, told, down = self._measure(everyone, fresh, checked)
+            reward = np.where(fresh, 0.0, reward)
+            terminated = down & ~fresh & self.task.terminate_on_touchdown
+            truncated = (self._counts >= self.task.budget) & ~fresh
+            self._done = terminated | truncated
+            restart = self.mode is AutoresetMode.SAME_STEP and self._done.any()
+            info = self._restarted(told) if restart else self._gathered(everyone, told)
         return self._observations.copy(), reward, terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
@@ -152,7 +155,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         found, observations = self.task.measure(episodes, tried[members], self._counts[members].tolist(), self.threads)
         told = infos(self.task, found, tried[members])
         for i, one in zip(members, told, strict=True):
-            self._histories[i].append((tried[i].copy(), dict(one)))
+            self._histories[i] = [*self._histories[i], (tried[i].copy(), dict(one))]
         self._observations[members] = observations
         self._done[members] = False
         return rewards(found), told, np.isfinite(found.touchdown_time)
