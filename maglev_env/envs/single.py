@@ -219,8 +219,8 @@ def spaces_of(task: Tuning) -> tuple[spaces.Box, spaces.Box]:
     return action, spaces.Box(-1.0, 1.0, (len(task.layout.names),), np.float32)
 
 
-def checked_actions(actions: np.ndarray, space: spaces.Space, n: int) -> np.ndarray:
-    """Actions (n, k) as float64, clipped into the box with a warning.
+def checked_actions(actions: np.ndarray, space: spaces.Space, n: int, ignored: np.ndarray | None = None) -> np.ndarray:
+    """Actions (n, k) as float64, clipped into the box with a warning; 0 where they are ignored, (n,) bool.
 
     Raises:
         InvalidAction: The shape is wrong, or a value is not a finite number; the message says which.
@@ -234,6 +234,8 @@ def checked_actions(actions: np.ndarray, space: spaces.Space, n: int) -> np.ndar
         raise InvalidAction(f"action: {error}; give numbers of shape {shape}") from error
     if checked.shape != (n, *shape):
         raise InvalidAction(f"action has the shape {checked.shape[1:]}, not {shape}: one element per gain")
+    if ignored is not None:
+        checked[ignored] = 0.0
     if not np.isfinite(checked).all():
         raise InvalidAction("action holds nan or infinite values; give numbers in [-1, 1]")
     if (np.abs(checked) > 1).any():

@@ -1,6 +1,7 @@
 """Many environments at a time: every step is one batch of the lane simulator."""
 
 from collections.abc import Callable, Sequence
+from operator import index
 from typing import Any
 
 import gymnasium as gym
@@ -48,6 +49,8 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError(f"num_envs = {num_envs!r}; give a whole number, at least 1")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}; many environments render as 'rgb_array' only")
+        if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+            raise ValueError(f"threads = {threads!r}; give a whole number, at least 1, or None for all cores")
         check_arguments(arguments, self.make_task)
         self.task: Tuning = self.make_task(**arguments)
         self.num_envs, self.render_mode, self.threads = num_envs, render_mode, threads
@@ -62,6 +65,11 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._histories: list[list] = [[] for _ in range(num_envs)]
         self._size = len(self.task.box.names)
         self._observations = np.zeros((num_envs, len(self.task.layout.names)), np.float32)
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Name of each element of one environment's observation."""
+        return self.task.layout.names
 
     @property
     def mode(self) -> AutoresetMode:
@@ -88,12 +96,12 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observations.copy(), self._gathered(np.flatnonzero(mask), told)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One experiment in every environment; with NEXT_STEP those that had ended restart instead."""
+        """One experiment in every environment; with NEXT_STEP those that had ended restart, whatever their action."""
         if any(e is None for e in self._episodes):
             raise gym.error.ResetNeeded("call reset before the first step")
-        checked = checked_actions(actions, self.single_action_space, self.num_envs)
         everyone = np.arange(self.num_envs)
         fresh = self._done & (self.mode is AutoresetMode.NEXT_STEP)
+        checked = checked_actions(actions, self.single_action_space, self.num_envs, fresh)
         if self._done.any() and self.mode is AutoresetMode.DISABLED:
             raise gym.error.ResetNeeded("an environment has ended: reset it with options={'reset_mask': ...}")
         with all_or_nothing(self, _STATE, self._rngs):
@@ -122,7 +130,7 @@ class RigVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
         else:
-            seeds = list(seed)
+            seeds = [None if one is None else index(one) for one in seed]
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} environments; give one for each, or one")
         if not self._rngs:

@@ -209,6 +209,12 @@ def test_a_bad_argument_is_named(arguments, words):
         maglev_env.RigVectorEnv(2, **named)
 
 
+@pytest.mark.parametrize("threads", [0, -3, 1.5, True])
+def test_threads_are_none_or_a_number_of_them(threads):
+    with pytest.raises(ValueError, match="threads = "):
+        gym.make_vec("maglev/HMBFree-v0", num_envs=2, threads=threads)
+
+
 @pytest.mark.parametrize("num_envs", [0, -1, 1.5, True])
 def test_a_batch_needs_environments(num_envs):
     with pytest.raises(ValueError, match="num_envs"):
@@ -235,6 +241,21 @@ def test_an_action_that_is_none_is_refused_and_one_outside_is_clipped_with_a_war
         batch.reset(seed=[1, 2, 3])
     with pytest.raises(ValueError, match="reset_mask"):
         batch.reset(options={"reset_mask": np.zeros(2, bool)})
+
+
+def test_an_action_that_is_ignored_may_be_anything_and_any_other_is_looked_at():
+    env = gym.make_vec("maglev/HMBFree-v0", num_envs=2, protocol="quick", budget=1).unwrapped
+    assert env.observation_names == env.task.layout.names
+    env.reset(seed=0)
+    env.step(np.zeros((2, 3)))  # ends both episodes
+    env.step(np.full((2, 3), np.nan))  # which restart
+    with pytest.raises(gym.error.InvalidAction, match="nan"):
+        env.step(np.full((2, 3), np.nan))
+
+
+def test_seeds_may_be_an_array():
+    one, other = (gym.make_vec("maglev/HMBFree-v0", num_envs=2, protocol="quick") for _ in range(2))
+    assert data_equivalence(one.reset(seed=np.array([4, 5])), other.reset(seed=4), exact=True)
 
 
 def test_a_step_after_the_end_asks_for_a_reset():
