@@ -86,8 +86,8 @@ def gain_box(
             card around the preset.
 
     Raises:
-        ValueError: A gain does not exist, is named twice or has no bounds, or its range is empty; the message names the
-            argument.
+        ValueError: A gain does not exist, is named twice or has no bounds, its range is no pair of numbers or empty, or
+            it has bounds and is not tuned; the message names the argument.
     """
     preset, bounds = of_axis(rig.gains or NO_CONTROLLER, 0), dict(bounds or {})
     table = {name: (value, card) for name, value, card in stated_gains(preset)}
@@ -96,7 +96,7 @@ def gain_box(
             f"rig {rig.name}: its controller is given by numerator and denominator, which have no gains to tune; state "
             "the form that is fitted to them (--controller 'pid + notch 650'), or give [gains]"
         )
-    for name in (*(tuned or ()), *bounds):
+    for name in (*(() if tuned is None else tuned), *bounds):
         if name not in table:
             raise ValueError(f"tuned, bounds: no gain {name!r}; gains are {', '.join(table)}")
     if tuned is None:
@@ -104,14 +104,19 @@ def gain_box(
     tuned = tuple(tuned)
     if not tuned or len(set(tuned)) < len(tuned):
         raise ValueError(f"tuned = {tuned!r}: name at least one gain, each once")
+    if others := [name for name in bounds if name not in tuned]:
+        raise ValueError(f"bounds: {others[0]} is not tuned (tuned: {', '.join(tuned)}); tune it too, or leave it out")
     pairs = []
     for name in tuned:
         value, card = table[name]
-        pair = bounds.get(name) or rig.bounds.get(name)
-        if pair is None:
+        pair = bounds.get(name, rig.bounds.get(name))
+        if pair is None and name not in bounds:
             low, high = card.range(value)
             pair = low, min(high, TOP * rig.control_rate) if card.unit == "Hz" else high
-        low, high = map(float, pair)
+        try:
+            low, high = map(float, pair)
+        except (TypeError, ValueError):
+            raise ValueError(f"bounds: {name} = {pair!r}; give two numbers, (low, high)") from None
         if not (np.isfinite([low, high]).all() and low < high):
             raise ValueError(
                 f"bounds: {name} = {low:g} .. {high:g} is an empty range; the first must be the smaller"

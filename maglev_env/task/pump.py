@@ -156,7 +156,7 @@ _TOLD = (
 def make_rotor_task(
     rotor: str | Path | Rotor = "pump",
     control: str = "translation_tilt",
-    tuned: Sequence[str] = TUNED,
+    tuned: Sequence[str] | None = TUNED,
     bounds: Mapping[str, Sequence[float]] | None = None,
     randomization: str = "none",
     unbalance: Sequence[float] = UNBALANCE,
@@ -180,7 +180,7 @@ def make_rotor_task(
         ladder = np.empty(0)
     if ladder.ndim != 1 or not ladder.size or not np.isfinite(ladder).all() or np.unique(ladder).size < ladder.size:
         raise ValueError(f"speeds = {speeds!r}; give one or more different finite numbers, rpm")
-    loaded = controlled(loaded, control)
+    loaded, tuned = controlled(loaded, control), TUNED if tuned is None else tuned
     box = rotor_box(loaded, control, tuned, bounds)
     at = tuple(identified_speeds(loaded, ladder).tolist())
     layout = RotorLayout(

@@ -36,6 +36,10 @@ def test_the_default_is_six_gains_and_every_element_is_named_once():
     assert env.task.layout.speeds == tuple(range(0, 14_001, 1000))
 
 
+def test_no_names_of_gains_are_the_default():
+    assert make_rotor_task(tuned=None).box.names == make_rotor_task().box.names
+
+
 def test_elements_are_scaled_as_specified():
     env = PumpRotorEnv(speeds=(0.0, 8000.0, 14_000.0), budget=4)
     env.reset(seed=1)
@@ -217,6 +221,7 @@ def test_the_picture_shows_the_last_run_up(actions):
         ({"control": "alone"}, "control"),
         ({"tuned": ()}, "tuned"),
         ({"bounds": {"kp": (2.0, 1.0)}}, "empty range"),
+        ({"tuned": ("kp",), "bounds": {"kd": (1.0, 2.0)}}, "bounds: kd is not tuned"),
         ({"randomization": "wide"}, "randomization"),
         ({"rotor": replace(PUMP, axis=replace(PUMP.axis, tolerance={})), "randomization": "tolerances"}, "tolerance"),
         ({"unbalance": (0.0, 1.0)}, "unbalance"),

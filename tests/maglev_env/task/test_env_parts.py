@@ -35,6 +35,11 @@ def test_gains_and_actions_are_each_others_inverse(action):
     np.testing.assert_allclose(box.actions(gains), action, atol=1e-9)
 
 
+def test_bounds_may_be_an_array():
+    found = gain_box(load_rig("hmb_free"), ["kp"], {"kp": np.array([4000.0, 16000.0])})
+    assert (found.low[0], found.high[0]) == (4000.0, 16000.0)
+
+
 def test_a_fivefold_range_is_logarithmic_and_a_shorter_one_straight():
     box = gain_box(load_rig("hmb_free"), ("kp", "ki"), {"kp": (2e3, 8e3), "ki": (10.0, 1000.0)})
     assert box.log.tolist() == [False, True]
