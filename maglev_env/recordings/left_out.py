@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
+from maglev_env.recordings.alarms.alarm import Alarm
+
 
 class TellsNothing(ValueError):
     """Nothing can be identified from a recording as it is, although its description is right.
@@ -11,11 +13,12 @@ class TellsNothing(ValueError):
         reason: why.
         instead: what to record or to do instead.
         where: the file, for the message.
+        alarm: what refuses the recording, where one does.
     """
 
-    def __init__(self, reason: str, instead: str, where: object = "") -> None:
+    def __init__(self, reason: str, instead: str, where: object = "", alarm: Alarm | None = None) -> None:
         super().__init__("; ".join(filter(None, (f"{where}: {reason}" if where else reason, instead))))
-        self.reason, self.instead = reason, instead
+        self.reason, self.instead, self.alarm = reason, instead, alarm
 
 
 class NoneTells(ValueError):

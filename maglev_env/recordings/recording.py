@@ -137,7 +137,7 @@ def read_recording(
             if alarmed:
                 return dataset
             reason, _, instead = alarm.sentence.rpartition("; ")  # its last part says how to cut or mend it
-            raise TellsNothing(reason or alarm.sentence, instead if reason else "record it again", path)
+            raise TellsNothing(reason or alarm.sentence, instead if reason else "record it again", path, alarm)
     for name, values in channels.items():
         _check_moves(path, name, values, spec)
     try:

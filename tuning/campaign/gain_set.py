@@ -37,6 +37,7 @@ class GainSet:
         peak_displacement: m.
         current_rms: A.
         failed: Why nothing is identified here, or None.
+        beside: What failed in single recordings here while others held, each with its file.
         noise_current: Rms of what does not repeat of the coil's current, less the stated noise of its reading, A; nan
             where no period shows it.
         noise_error: Its relative standard error.
@@ -57,6 +58,7 @@ class GainSet:
     open: bool = False
     noise_current: float = np.nan
     noise_error: float = 0.0
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -106,9 +108,15 @@ def failed_set(gains: Gains, file: str, why: str) -> GainSet:
 
 
 def joined(gains: Gains, parts: list[GainSet]) -> GainSet:
-    """Recordings at equal gains as one set, which failed if one of them did."""
-    failed = next((p.failed for p in parts if p.failed), None)
+    """Recordings at equal gains as one set, which failed if none of them held.
+
+    Where one held, what failed in another is not the gains' alone: it may have been driven harder.
+    """
     files = tuple(file for p in parts for file in p.files)
+    wrong = [p for p in parts if p.failed]
+    parts = [p for p in parts if not p.failed] or parts
+    failed = parts[0].failed
+    beside = () if failed else tuple(f"{', '.join(p.files)}: {p.failed}" for p in wrong)
     curves = [
         pooled([r for p in parts if (r := getattr(p, n)) is not None]) for n in ("receptance", "sensitivity", "plant")
     ]
@@ -121,7 +129,7 @@ def joined(gains: Gains, parts: list[GainSet]) -> GainSet:
     error = next((p.noise_error for p in parts if not np.isnan(p.noise_current)), 0.0)
     untold = None if any(not p.untold for p in parts) else parts[-1].untold
     return GainSet(
-        gains, files, *curves, force, peak, current, failed, untold, all(p.open for p in parts), noise, error
+        gains, files, *curves, force, peak, current, failed, untold, all(p.open for p in parts), noise, error, beside
     )
 
 

@@ -55,6 +55,7 @@ def next_step(
     good = [i for i, s in enumerate(sets) if s.failed is None]
     nothing: tuple[None, ...] = (None,) * len(sets)
     notes = tuple(f"{', '.join(s.files)}: {s.failed or s.untold}" for s in sets if s.failed or s.untold)
+    notes += tuple(f"{one} (other recordings at the same gains held)" for s in sets for one in s.beside)
     if not good:
         failed = Advice(task, tuple(sets), nothing, nothing, None, notes=notes)
         if failed.recordings >= budget:

@@ -19,13 +19,16 @@ from tuning.campaign.open_recording import open_set
 
 TOUCHED = 0.95  # share of the clearance that counts as touchdown (or the sensor's scale is wrong)
 UNSTEADY = 0.02  # share of the clearance: a larger rms that does not repeat and outweighs what does is self-oscillation
-CAUSED = ("clipped at", "levitation is lost")  # faults of a record that gains cause; any other is one of the file
+# Alarms of a record that its gains cause, of what the loop moves; any other is one of the file, or of a sensor.
+CAUSED = ("rail", "lost levitation")
+MOVED = ("displacement", "command", "current")
 
 
 def recorded_sets(campaign: Campaign) -> tuple[Campaign, list[GainSet]]:
     """The fit recordings of a one-axis campaign, grouped by their gains, in the order recorded.
 
-    A clipped channel, a touchdown and self-oscillation make a failed set. Of a recording without a period, what was
+    A clipped channel that the loop moves, a touchdown and self-oscillation make a failed set, unless another recording
+    at the same gains held. Of a recording without a period, what was
     added to its command drives the loop; where that cannot tell the margins, `untold` says why.
 
     Returns:
@@ -64,9 +67,10 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
     where, rig = campaign.folder / spec.file, campaign.rig
     try:
         dataset = read_recording(campaign, spec)
-    except ValueError as error:
-        if any(words in str(error) for words in CAUSED):
-            return failed_set(gains, spec.file, str(error).partition(f"{where}: ")[2] or str(error))
+    except TellsNothing as nothing:
+        alarm = nothing.alarm
+        if alarm and alarm.code in CAUSED and alarm.channel.partition("_")[0] in MOVED:
+            return failed_set(gains, spec.file, alarm.sentence)
         raise
     signals = _at_control_rate(recorded_signals(campaign, spec, dataset, excited=False), rig)
     if "displacement" not in signals.channels:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     import xarray as xr
 
-Code = Literal["lost levitation", "stuck reading", "samples", "rail"]
+Code = Literal["lost levitation", "off centre", "stuck reading", "samples", "rail"]
 
 READINGS = ("displacement", "current", "command", "force", "gap_estimate")
 MOST_EVENTS = 10  # of one kind that are looked at and told one by one

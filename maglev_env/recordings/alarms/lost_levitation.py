@@ -70,7 +70,7 @@ def _elsewhere(name: str, y: np.ndarray, clearance: float) -> Alarm:
         "its offset in [recording.channels] (m), so that it is 0 at the centre (of a magnet above: at the gap in the "
         "rig), or correct clearance"
     )
-    return Alarm("lost levitation", name, 0.0, text, "refuse")
+    return Alarm("off centre", name, 0.0, text, "refuse")
 
 
 def _of_kind(dataset: "xr.Dataset", kind: str) -> list[str]:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from maglev_env.recordings.campaign import Campaign
     from maglev_env.rig.rig import Rig
 
-# Findings that gains can cause: such a set has failed, and that is a result.
-FAILURES = ("rail", "lost levitation", "stuck reading", "clearance")
+# Findings that `recorded_sets` judges itself: the gains have failed, or the recording is left out.
+FAILURES = ("rail", "lost levitation", "off centre", "stuck reading", "clearance")
 MEANT = (
     "campaign",
     "budget",

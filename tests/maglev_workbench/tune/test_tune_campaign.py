@@ -23,12 +23,18 @@ run = partial(maglev, "tune")
 HEAD = 'schema = "maglev-campaign/1"\n'
 
 
-def recorded(folder, change=lambda dataset: dataset, rig="hmb_free"):
+def recorded(folder, *changes, rig="hmb_free"):
+    """A campaign of one recording at the preset, or of as many as it is changed in ways."""
     loaded = with_defaults(load_rig(rig))
     e = protocol_experiment(replace(loaded, protocol=env_protocol(loaded, "quick")), seed=1)
-    dataset = change(simulated_recording(e, simulate_records([e])[0]))
-    write_campaign(folder, rig, {}, [("run1", "fit", dataset, e)])
+    dataset = simulated_recording(e, simulate_records([e])[0])
+    every = [(f"run{i}", "fit", change(dataset), e) for i, change in enumerate(changes or [same], 1)]
+    write_campaign(folder, rig, {}, every)
     return folder
+
+
+def same(dataset):
+    return dataset
 
 
 def touching(dataset):
@@ -100,6 +106,33 @@ def test_a_clipped_channel_is_a_failed_set(tmp_path):
 
     run("--campaign", recorded(tmp_path, clipped), "--json", tmp_path / "a.json")
     assert "clipped at" in json.loads((tmp_path / "a.json").read_text())["sets"][0]["failed"]
+
+
+def clipped_force(d):
+    return d.assign(force=d.force.clip(-0.5 * float(d.force.max()), 0.5 * float(d.force.max())))
+
+
+def test_a_clipped_force_sensor_is_left_out_and_says_nothing_of_the_gains(tmp_path):
+    """Of a force that drives the rotor the sensor clips, not the loop: it had condemned the gains for ever."""
+    run("--campaign", recorded(tmp_path, clipped_force, same), "--json", tmp_path / "a.json")
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert [one["recordings"] for one in data["sets"]] == [["run2.npz"]] and data["sets"][0]["failed"] is None
+    assert data["left_out"][0]["recording"] == "run1.npz" and "'force'" in data["left_out"][0]["reason"]
+
+
+def test_gains_that_held_once_have_not_failed_and_the_failure_is_told(tmp_path):
+    run("--campaign", recorded(tmp_path, touching, same), "--json", tmp_path / "a.json")
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert data["sets"][0]["failed"] is None and data["sets"][0]["shown"]["margins"]
+    assert any("run1.npz: touchdown" in note for note in data["notes"])
+
+
+def test_a_probe_that_counts_from_elsewhere_is_left_out(tmp_path):
+    def far(dataset):
+        return dataset.assign(displacement=dataset.displacement + 1e-3)
+
+    run("--campaign", recorded(tmp_path, far, same), "--json", tmp_path / "a.json")
+    assert "its offset" in json.loads((tmp_path / "a.json").read_text())["left_out"][0]["instead"]
 
 
 def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
