@@ -11,7 +11,7 @@ from tuning.learned.familiar import Familiar, familiar
 from tuning.learned.policy import HistoryPolicy, shape_for
 from tuning.study.study import experiments
 
-SPREAD = 0.15  # standard deviation of the noise on a policy's actions while it collects data, for variety
+RIGS = 1000  # on which what is familiar to a policy is found
 GROUP = 25  # rigs that share a task: few, so that many effects are met
 MIXED = 141421  # mixed into the seed so that these rigs never coincide with rigs drawn elsewhere
 
@@ -24,9 +24,10 @@ def encounters(
     policy: HistoryPolicy | None,
     count: int,
     rng: np.random.Generator,
+    spread: float = 0.0,
     threads: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Experiments on n rigs: first at their safe starts, then at the gains of the noisy policy (None: at random).
+    """Experiments on n rigs: first at their safe starts, then at the gains that the policy chooses (None: at random).
 
     Args:
         task: The task of all rigs.
@@ -34,6 +35,7 @@ def encounters(
         policy: The policy.
         count: Number of experiments of each rig.
         rng: Source of the noise on the policy's actions, and of random gains.
+        spread: Standard deviation of that noise, which half of the actions have.
         threads: Number of threads; None for all cores.
 
     Returns:
@@ -48,7 +50,7 @@ def encounters(
         elif policy is None:
             points = rng.uniform(-1, 1, (n, k))
         else:
-            points = policy.act(seen[:, :t]) + SPREAD * rng.standard_normal((n, k)) * (rng.random((n, 1)) < 0.5)
+            points = policy.act(seen[:, :t]) + spread * rng.standard_normal((n, k)) * (rng.random((n, 1)) < 0.5)
         found = experiments(task, episodes, np.clip(points, -1, 1), [t + 1] * n, threads)
         seen[:, t], scores[:, t] = found.observation, found.score
     return seen, scores
@@ -61,9 +63,10 @@ def acquainted(
     seed: int,
     progress: Callable[[int], None] = lambda rigs: None,
 ) -> Familiar:
-    """What is familiar to a policy, however it was trained: as after an imitation, on freshly drawn rigs.
+    """What is familiar to a policy, however it was trained: what it meets on freshly drawn rigs at gains of its own.
 
-    The same seed gives the same numbers on the same machine.
+    Noise on its actions, as while it collects data, would hide rigs on which it fails: most of them would lie within
+    what such gains show elsewhere. The same seed gives the same numbers on the same machine.
 
     Args:
         draw_tasks: Draws a pair of tasks, of which the first is observed.

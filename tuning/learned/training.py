@@ -13,14 +13,14 @@ import numpy as np
 import torch
 
 from maglev_env.recordings.result_folder import load_arrays, save_arrays
-from tuning.learned.encounters import DrawTasks, encounters
-from tuning.learned.familiar import familiar
+from tuning.learned.encounters import RIGS, DrawTasks, acquainted, encounters
 from tuning.learned.policy import HistoryPolicy, Shape, shape_for, stack
 from tuning.lockstep import optima
 
 if TYPE_CHECKING:
     from maglev_lanes.schedule import Workers
 
+SPREAD = 0.15  # standard deviation of the noise on a policy's actions while it collects data, for variety
 GROUP = 125  # rigs of one task whose experiments are simulated together
 
 
@@ -99,9 +99,16 @@ def train(
 
     Returns:
         The policy; and for each round its mean score after one and after all experiments of a rig, and its loss.
+
+    Raises:
+        ValueError: The tasks have another number of experiments than the plan's history.
     """
+    task, _ = draw_tasks(np.random.default_rng(seed))
+    if task.budget != plan.history:
+        raise ValueError(f"training: history = {plan.history}; the tasks have {task.budget} experiments, give as many")
+    shape = shape_for(task, plan.history, plan.width)
     groups: list[Group] = []
-    log, policy, first = [], None, []
+    log, policy = [], None
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # so that sums are computed in the same order on any machine
     try:
@@ -110,16 +117,10 @@ def train(
             jobs = [_Job(draw_tasks, plan, n, policy, (seed, turn, i)) for i, n in enumerate(_sizes(plan, turn))]
             new = _gathered(jobs, folder, lambda n, said=said: progress(said, n), workers)
             groups += new
-            if policy is None:
-                task, _ = draw_tasks(np.random.default_rng(seed))
-                shape = shape_for(task, plan.history, plan.width)
             policy, loss = _fit(shape, groups, plan, seed)
-            # The first round's gains are drawn at random; what a policy meets is like the later ones.
-            met = groups if turn == 0 else [g for g in groups if g not in first]
-            first = groups[: len(new)] if turn == 0 else first
-            policy.familiar = familiar(np.concatenate([g.seen for g in met]))
             scores = np.concatenate([g.scores for g in new])
             log.append({"second": float(scores[:, 1].mean()), "best": float(scores.max(axis=1).mean()), "loss": loss})
+        policy.familiar = acquainted(draw_tasks, policy, min(plan.rigs, RIGS), seed)
     finally:
         torch.set_num_threads(threads)
     return policy, log
@@ -170,7 +171,7 @@ def _group(job: _Job, threads: int | None = None) -> Group:
     episodes = [task.draw(rng) for _ in range(n)]
     same = [replace(e, rig=replace(e.rig, protocol=searched.rig.protocol)) for e in episodes]
     best, _ = optima(searched, same, int(rng.integers(2**31)), plan.search, threads)
-    seen, scores = encounters(task, episodes, policy, plan.history, rng, threads)
+    seen, scores = encounters(task, episodes, policy, plan.history, rng, SPREAD, threads)
     return Group(best, seen, scores)
 
 

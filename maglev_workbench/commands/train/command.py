@@ -39,7 +39,7 @@ def train(
     controller: ControllerOption = None,
     protocol: Annotated[str, typer.Option(help="Experiment that the policy observes: full, or quick.")] = "full",
     rigs: Annotated[
-        int | None, typer.Option(min=1, help="imitation and familiar: total number of rigs (default: 6000).")
+        int | None, typer.Option(min=1, help="Total number of rigs of imitation (default: 6000) and familiar (1000).")
     ] = None,
     experiments: Annotated[
         int | None, typer.Option(min=1, help="ppo and sac: total number of experiments (default: 100,000).")
@@ -81,7 +81,7 @@ def train(
     if scheduler is not None and not searched:
         raise ValueError("--scheduler: only imitation is spread over workers")
     if rigs is not None and not (searched or kept):
-        raise ValueError(f"--rigs: of imitation; {by} draws as many as --experiments take")
+        raise ValueError(f"--rigs: of imitation and familiar; {by} draws as many as --experiments take")
     if experiments is not None and (searched or kept):
         raise ValueError(f"--experiments: of ppo and sac; {by} takes --rigs")
     check_experiments(max(rigs or 0, judged), 0, "--rigs and --held-out")
@@ -90,16 +90,15 @@ def train(
     world = replace(world, tuned=world.task().box.names)  # raises for invalid settings before any work
     from maglev_workbench.commands.train.report import held_out_table
     from maglev_workbench.commands.train.training import judge, reinforced
+    from tuning.learned.encounters import RIGS, acquainted, check_fits
     from tuning.learned.policy import load_policy, save_policy
     from tuning.learned.training import Plan
     from tuning.learned.training import train as train_by_imitation
 
-    rigs, experiments = rigs or Plan().rigs, experiments or EXPERIMENTS
+    rigs, experiments = rigs or (RIGS if kept else Plan().rigs), experiments or EXPERIMENTS
     plan = Plan(rigs=rigs) if searched else Plan()
     begun, origin = (None, {}) if init is None else load_policy(init)
     if kept:
-        from tuning.learned.encounters import acquainted, check_fits
-
         check_fits(begun, world.task())
     elif not searched:
         from tuning.learned.reinforcement import check_training

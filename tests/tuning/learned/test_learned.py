@@ -131,6 +131,10 @@ def test_training_learns_and_goes_on_after_a_kill(tmp_path):
     seen = np.random.default_rng(0).uniform(-1, 1, (5, 3, len(SHAPE.names)))
     np.testing.assert_array_equal(again.act(seen), whole.act(seen))
     assert len(log) == 2 and log[1]["second"] > log[0]["second"]  # at random in the first round
+    np.testing.assert_array_equal(again.familiar.inverse, whole.familiar.inverse)
+    assert acquainted(WORLD.draw, whole, PLAN.rigs, 1).limit == whole.familiar.limit
+    with pytest.raises(ValueError, match="history = 5; the tasks have 4"):
+        train(WORLD.draw, replace(PLAN, history=5), 1)
     (tmp_path / "round-1-001.npz").write_bytes(b"PK")
     with pytest.raises(ValueError, match="damaged"):
         train(WORLD.draw, PLAN, 1, tmp_path)
