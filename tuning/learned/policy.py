@@ -75,8 +75,11 @@ class HistoryPolicy(nn.Module):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of its weights."""
-        return sha256(b"".join(value.numpy().tobytes() for value in self.state_dict().values())).hexdigest()
+        """SHA-256 of all that it acts by: its shape, its weights and what is familiar to it."""
+        arrays = [value.numpy() for value in self.state_dict().values()]
+        arrays += [] if self.familiar is None else vars(self.familiar).values()
+        head = json.dumps(asdict(self.shape)).encode()
+        return sha256(b"".join([head, *(np.ascontiguousarray(one).tobytes() for one in arrays)])).hexdigest()
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Points (n, k) from observations (n, t, size), oldest first; the newest `history` of them are used."""
@@ -130,12 +133,27 @@ def load_policy(path: Path) -> tuple[HistoryPolicy, dict[str, Any]]:
         shape = Shape(tuple(s["names"]), tuple(s["gains"]), ends, int(s["history"]), int(s["width"]))
         if 4 * shape.width * max(shape.inputs, shape.width) > MOST_BYTES:
             raise ValueError(f"width {shape.width} and {shape.inputs} inputs take more than {MOST_BYTES} bytes")
+        if shape.history < 2:
+            raise ValueError(f"history {shape.history}, of which 2 is the least")
         policy = HistoryPolicy(shape)
         own = {name.removeprefix(FAMILIAR): arrays.pop(name) for name in [*arrays] if name.startswith(FAMILIAR)}
         policy.familiar = Familiar(**own) if own else None
         policy.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
+        _check_numbers(policy)
     except OSError:
         raise
     except Exception as error:  # a foreign file can make the libraries raise almost anything
         raise ValueError(f"{path}: not a policy of this workbench ({error})") from None
     return policy.eval(), made_by
+
+
+def _check_numbers(policy: HistoryPolicy) -> None:
+    """Raise ValueError unless all numbers of a policy are finite, and those of what is familiar to it have its size."""
+    if not all(bool(torch.isfinite(value).all()) for value in policy.state_dict().values()):
+        raise ValueError("its weights are not all finite")
+    if policy.familiar is None:
+        return
+    n = len(policy.shape.names)
+    for (name, value), size in zip(vars(policy.familiar).items(), ((n,), (n, n), ()), strict=True):
+        if value.shape != size or not np.isfinite(value).all():
+            raise ValueError(f"{FAMILIAR}{name} is not {size} finite numbers")

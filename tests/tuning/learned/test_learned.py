@@ -54,6 +54,44 @@ class Evil:
         return (exec, ("raise SystemExit('executed')",))
 
 
+UNSOUND = {
+    "infinite weight": {"net.0.bias": np.full(16, np.nan, np.float32)},
+    "mean of another size": {"familiar_mean": np.zeros(3)},
+    "no inverse": {"familiar_inverse": np.zeros(len(SHAPE.names))},
+    "no limit": {"familiar_limit": np.array(np.nan)},
+    "text": {"familiar_mean": np.full(len(SHAPE.names), "a")},
+}
+
+
+@pytest.mark.parametrize("kind", UNSOUND)
+def test_unsound_numbers_are_refused(tmp_path, kind):
+    path, policy, n = tmp_path / "p.npz", HistoryPolicy(SHAPE), len(SHAPE.names)
+    policy.familiar = Familiar(np.zeros(n), np.eye(n), np.array(1.0))
+    save_policy(path, policy, {})
+    load_policy(path)
+    np.savez(path, **{**np.load(path), **UNSOUND[kind]})
+    with pytest.raises(ValueError, match="not a policy of this workbench"):
+        load_policy(path)
+
+
+def test_a_policy_with_too_short_a_history_is_refused(tmp_path):
+    save_policy(tmp_path / "p.npz", HistoryPolicy(replace(SHAPE, history=1)), {})
+    with pytest.raises(ValueError, match="history"):
+        load_policy(tmp_path / "p.npz")
+
+
+def test_policies_that_act_or_give_way_differently_have_other_digests():
+    policy, n = HistoryPolicy(SHAPE), len(SHAPE.names)
+    found = {policy.digest}
+    for limit in (1.0, 2.0):
+        policy.familiar = Familiar(np.zeros(n), np.eye(n), np.array(limit))
+        found.add(policy.digest)
+    other = HistoryPolicy(replace(SHAPE, ends=tuple((low, 2 * high) for low, high in SHAPE.ends)))
+    other.load_state_dict(policy.state_dict())
+    other.familiar = policy.familiar
+    assert len(found | {other.digest}) == 4
+
+
 @pytest.mark.parametrize("kind", ["pickle", "object", "zip", "text", "schema", "weights", "large"])
 def test_hostile_and_foreign_files_are_refused(tmp_path, kind, monkeypatch):
     path = tmp_path / "p.npz"
