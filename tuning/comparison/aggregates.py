@@ -10,6 +10,9 @@ import scipy
 
 RESAMPLES = 2000
 LEVEL = 0.95  # of the intervals
+# Fewest rigs of which an interval of their middle is given. The median lies beyond all of n rigs with the chance 0.5^n
+# on either side, so that even all that they span covers it too seldom: 94 % for 5 rigs, 50 % for 2.
+LEAST = 6
 
 
 def resamples(rigs: int, seed: int) -> np.ndarray:
@@ -18,17 +21,14 @@ def resamples(rigs: int, seed: int) -> np.ndarray:
 
 
 def median(values: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Median of all values (rigs, repeats) and the ends of its interval, (3,)."""
-    return _with_ends(np.median(values), np.median(_drawn(values, draws), axis=1), len(values))
+    """Median of all values (rigs, repeats) and the ends of its interval, (3,); nan for less than LEAST rigs."""
+    return _of_enough(_with_ends(np.median(values), np.median(_drawn(values, draws), axis=1), len(values)), len(values))
 
 
 def interquartile_mean(values: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Mean of the middle half of all values (rigs, repeats) and the ends of its interval, (3,)."""
-    return _with_ends(
-        scipy.stats.trim_mean(values.ravel(), 0.25),
-        scipy.stats.trim_mean(_drawn(values, draws), 0.25, axis=1),
-        len(values),
-    )
+    """Mean of the middle half of all values (rigs, repeats) and the ends of its interval, (3,), as of `median`."""
+    redrawn = scipy.stats.trim_mean(_drawn(values, draws), 0.25, axis=1)
+    return _of_enough(_with_ends(scipy.stats.trim_mean(values.ravel(), 0.25), redrawn, len(values)), len(values))
 
 
 def performance_profile(values: np.ndarray, thresholds: np.ndarray, draws: np.ndarray) -> np.ndarray:
@@ -61,6 +61,11 @@ def _mean(per_rig: np.ndarray, draws: np.ndarray) -> np.ndarray:
     least = ((1 - LEVEL) / 2) ** (1 / n)
     low, high = np.where(value == 1, least, np.fmax(low, 0)), np.where(value == 0, 1 - least, np.fmin(high, 1))
     return np.stack([value, low, high])
+
+
+def _of_enough(found: np.ndarray, rigs: int) -> np.ndarray:
+    """The same value, (3,), without ends where there are too few rigs."""
+    return found if rigs >= LEAST else np.array([found[0], np.nan, np.nan])
 
 
 def _with_ends(value: np.ndarray, redrawn: np.ndarray, rigs: int) -> np.ndarray:

@@ -10,6 +10,7 @@ from maglev_env.recordings.formats.json_data import plain
 from maglev_workbench.commands.compare.figures import course_figure, improvement_figure, profile_figure
 from maglev_workbench.commands.compare.numbers import THRESHOLDS, Table
 from maglev_workbench.page import effects_in_words, markdown_table, note, number, page, rig_facts, table
+from tuning.comparison.aggregates import LEAST
 from tuning.comparison.compare import Comparison
 
 if TYPE_CHECKING:
@@ -55,7 +56,8 @@ def summary(found: Comparison, of: Table) -> str:
         parts.append(f"after {n} by {best} ({_regret(of[n, best].median)})")
         if others:
             parts[-1] += f", then {others[0]} ({_regret(of[n, others[0]].median)})"
-    return f"{_title(found)}. Least median regret: {'; '.join(parts)}."
+    few = "" if found.made_by["rigs"] >= LEAST else f" Fewer than {LEAST} rigs tell no 95 % interval of a median."
+    return f"{_title(found)}. Least median regret: {'; '.join(parts)}.{few}"
 
 
 def compare_page(found: Comparison, of: Table) -> str:

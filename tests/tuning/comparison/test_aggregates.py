@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from tuning.comparison.aggregates import improvement, interquartile_mean, median, performance_profile, resamples
+from tuning.comparison.aggregates import (
+    LEAST,
+    improvement,
+    interquartile_mean,
+    median,
+    performance_profile,
+    resamples,
+)
 
 N = 24
 
@@ -43,6 +50,21 @@ def test_one_rig_says_nothing_of_others():
         assert found[0] == pytest.approx(0.3) and np.isnan(found[1:]).all()
     np.testing.assert_allclose(improvement(np.zeros((1, 1)), np.ones((1, 1)), draws), [1, 0.025, 1])
     np.testing.assert_allclose(improvement(np.zeros((1, 1)), np.zeros((1, 1)), draws), [0.5, 0, 1])
+
+
+def test_few_rigs_tell_no_interval_of_their_middle():
+    """Of 2 rigs 52 % of such intervals had held the median of all, of 3 rigs 71 %."""
+    rng = np.random.default_rng(0)
+    for figure in (median, interquartile_mean):
+        few, enough = (figure(rng.standard_normal((n, 2)), resamples(n, 0)) for n in (LEAST - 1, LEAST))
+        assert np.isfinite(few[0]) and np.isnan(few[1:]).all() and np.isfinite(enough).all()
+
+
+def test_the_median_of_the_fewest_rigs_is_covered():
+    rng, runs = np.random.default_rng(1), 400
+    draws = resamples(LEAST, 0)[:500]
+    found = [median(rng.standard_normal((LEAST, 1)), draws) for _ in range(runs)]
+    assert np.mean([low <= 0 <= high for _, low, high in found]) > 0.92
 
 
 @pytest.mark.slow
