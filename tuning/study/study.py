@@ -89,7 +89,7 @@ def run_study(
     """Run or resume a study in a folder until `budget` experiments are made, `batch` at a time.
 
     A tuner depends only on its seed and on what it was told. The journal's experiments are told again and not repeated,
-    so an interrupted study equals an uninterrupted one.
+    so an interrupted study equals an uninterrupted one. A larger budget goes on behind what the smaller one made.
 
     Args:
         folder: Folder of the study.
@@ -105,7 +105,8 @@ def run_study(
 
     Raises:
         ValueError: The folder holds another study, or one of another version, or the tuner asks for other points than
-            the journal holds, or a record of the journal is damaged that is not the last.
+            the journal holds, or a record of the journal is damaged that is not the last, or the
+            budget ends among experiments that were made together.
         BlockingIOError: Another process works on it.
     """
     if budget < 1 or batch < 1:
@@ -120,9 +121,17 @@ def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress
     trials: Trials | None = None
     reused = 0
     while (done := 0 if trials is None else len(trials)) < budget:
-        points = tuner.ask(min(batch, budget - done))
+        # What a smaller budget had left of a batch is asked for as it was then.
+        asked = kept[0][0] if kept else min(batch, budget - done)
+        points = tuner.ask(asked)
         if kept:
-            new = kept.pop(0)
+            _, new = kept.pop(0)
+            if done + len(new) > budget:
+                to = f"{done + len(new)}" + (f" or {done}" if done else "")
+                raise ValueError(
+                    f"{folder}: experiments {done + 1} to {done + len(new)} were made together, and a budget of "
+                    f"{budget} ends among them; use --budget {to}"
+                )
             if new.points.shape != points.shape or not np.array_equal(new.points, points):
                 raise ValueError(
                     f"{folder / JOURNAL}: at experiment {done + 1} this tuner asks for other gains than were tried "
@@ -131,26 +140,27 @@ def _run(folder, task, episode, tuner, made_by, budget, batch, threads, progress
             reused += len(new)
         else:
             new = experiments(task, [episode] * len(points), points, done + 1, threads, workers)
-            _append(folder / JOURNAL, new)
+            _append(folder / JOURNAL, new, asked)
         tuner.tell(new)
         trials = new if trials is None else trials + new
         progress(len(new), reused == len(trials))
     return Outcome(trials, reused, dropped)
 
 
-def _read(path: Path) -> tuple[list[Trials], bool]:
-    """Records of a journal, and whether its last one was broken, which is then cut off.
+def _read(path: Path) -> tuple[list[tuple[int, Trials]], bool]:
+    """Records of a journal with the numbers of points asked for, and whether its last was broken, which is cut off.
 
     Raises:
         ValueError: A record before the last one is damaged, which no kill explains.
     """
     if not path.exists():
         return [], False
-    kept: list[Trials] = []
+    kept: list[tuple[int, Trials]] = []
     lines = path.read_bytes().splitlines(keepends=True)
     for number, line in enumerate(lines, 1):
         try:
-            kept.append(_trials(json.loads(line) if line.endswith(b"\n") else None))
+            record = json.loads(line) if line.endswith(b"\n") else None
+            kept.append((int(record["asked"]), _trials(record)))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             if number < len(lines):
                 raise ValueError(
@@ -178,8 +188,9 @@ def _trials(record: dict[str, Any]) -> Trials:
     return found
 
 
-def _append(path: Path, trials: Trials) -> None:
+def _append(path: Path, trials: Trials, asked: int) -> None:
     record = {
+        "asked": asked,
         "points": trials.points.tolist(),
         "score": trials.score.tolist(),
         "observation": trials.observation.astype(float).tolist(),

@@ -58,6 +58,22 @@ def test_more_budget_goes_on_too(tmp_path, whole):
     same(study(tmp_path), whole)
 
 
+@pytest.mark.parametrize("make", [lambda: Sobol(3, 5), lambda: DifferentialEvolution(3, 1, population=2)])
+def test_a_budget_that_ends_within_a_batch_can_grow(tmp_path, make):
+    first = study(tmp_path, make(), budget=6)
+    more = study(tmp_path, make(), budget=12)
+    assert more.reused == 6 and len(more.trials) == 12
+    np.testing.assert_array_equal(more.trials.score[:6], first.trials.score)
+    same(study(tmp_path, make(), budget=12), more)
+
+
+def test_a_budget_that_ends_among_experiments_made_together_is_refused_in_true_words(tmp_path):
+    study(tmp_path, budget=8)
+    with pytest.raises(ValueError, match="experiments 5 to 8 were made together.*--budget 8 or 4"):
+        study(tmp_path, budget=6)
+    assert len(study(tmp_path, budget=4).trials) == 4
+
+
 def test_a_broken_record_is_made_again(tmp_path, whole):
     study(tmp_path)
     journal = tmp_path / JOURNAL
