@@ -160,7 +160,10 @@ def _read(path: Path) -> tuple[list[tuple[int, Trials]], bool]:
     for number, line in enumerate(lines, 1):
         try:
             record = json.loads(line) if line.endswith(b"\n") else None
-            kept.append((int(record["asked"]), _trials(record)))
+            trials = _trials(record)
+            if int(record["asked"]) < max(1, len(trials)):
+                raise ValueError("more points than were asked for")
+            kept.append((int(record["asked"]), trials))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             if number < len(lines):
                 raise ValueError(

@@ -69,7 +69,7 @@ def test_a_budget_that_ends_within_a_batch_can_grow(tmp_path, make):
 
 def test_a_budget_that_ends_among_experiments_made_together_is_refused_in_true_words(tmp_path):
     study(tmp_path, budget=8)
-    with pytest.raises(ValueError, match="experiments 5 to 8 were made together.*--budget 8 or 4"):
+    with pytest.raises(ValueError, match=r"experiments 5 to 8 were made together.*--budget 8 or 4"):
         study(tmp_path, budget=6)
     assert len(study(tmp_path, budget=4).trials) == 4
 
@@ -90,6 +90,7 @@ def test_a_broken_record_is_made_again(tmp_path, whole):
     [
         (1, b'{"points": [[0', "line 2 of 3"),
         (0, {"score": [np.nan] * 4}, "0 .. 1"),
+        (0, {"asked": 3}, "asked for"),
         (0, {"points": [[2] * 3] * 4}, "box"),
     ],
 )
