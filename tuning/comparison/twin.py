@@ -102,7 +102,7 @@ def compare_simulators(
         raise ValueError(f"budgets of {', '.join(map(str, budgets.values()))}: give at least one experiment")
     spec = {
         "schema": "maglev-twin-cases/1",
-        "version": code_version(),
+        "version": code_version(blind=True),
         "method": METHOD,
         "budgets": dict(budgets),
         "seed": seed,
