@@ -67,7 +67,8 @@ def acquainted(
 ) -> Familiar:
     """What is familiar to a policy, however it was trained: what it meets on freshly drawn rigs at gains of its own.
 
-    Its actions have no noise, which they have while data are collected, as those of a tuner have none. The same seed gives the same numbers on the same machine.
+    Its actions have no noise, which they have while data are collected, as those of a tuner have none. The same seed
+    gives the same numbers on the same machine.
 
     Args:
         draw_tasks: Draws a pair of tasks, of which the first is observed.
