@@ -58,6 +58,7 @@ class Advice:
 
     @property
     def recordings(self) -> int:
+        """Number of the recordings that are used; one that was left out does not count."""
         return sum(len(s.files) for s in self.sets)
 
 

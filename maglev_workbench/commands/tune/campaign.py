@@ -85,8 +85,8 @@ def run(
     write_text_atomic(target / "next.toml", commented(advice, block))
     write_json(target / "tune.json", data)
     write_json(json_file, data)
-    unused = ["Left out: " + str(one) for one in left_out]
-    html = campaign_page(advice, block, {k.capitalize(): str(v) for k, v in made_by.items()}, unused)
+    further = ["Left out: " + str(one) for one in left_out]
+    html = campaign_page(advice, block, {k.capitalize(): str(v) for k, v in made_by.items()}, further)
     write_page(target / "tune.html", html, [target / "tune.json", target / "next.toml"])
     for one in left_out:
         console.print(marked("  left out", str(one)), soft_wrap=True)
@@ -97,8 +97,9 @@ def run(
         console.print(block, highlight=False, soft_wrap=True)
         console.print("excitation: " + "; ".join(excitation_words(advice)))
     console.print(summary(advice), style="bold")
+    unused = f", and {len(left_out)} left out, which {'does' if len(left_out) == 1 else 'do'} not count" if left_out else ""
     console.print(
-        f"{advice.recordings} of {budget} recordings\npage  {target / 'tune.html'}\ntoml  {target / 'next.toml'}"
+        f"{advice.recordings} of {budget} recordings{unused}\npage  {target / 'tune.html'}\ntoml  {target / 'next.toml'}"
     )
 
 

@@ -74,7 +74,7 @@ def tune(
     scheduler: SchedulerOption = None,
     campaign: Annotated[
         Path | None,
-        typer.Option(help="A real rig's campaign folder: propose the next recording, or stop (--budget: recordings)."),
+        typer.Option(help="A real rig's campaign folder: propose the next recording, or stop (--budget: used ones)."),
     ] = None,
     speeds: Annotated[
         str | None, typer.Option(help="Of a rotor: speeds of all requirements, lo:hi:step in rpm (0:14000:2000).")

@@ -114,7 +114,8 @@ def clipped_force(d):
 
 def test_a_clipped_force_sensor_is_left_out_and_says_nothing_of_the_gains(tmp_path):
     """Of a force that drives the rotor the sensor clips, not the loop: it had condemned the gains for ever."""
-    run("--campaign", recorded(tmp_path, clipped_force, same), "--json", tmp_path / "a.json")
+    text = run("--campaign", recorded(tmp_path, clipped_force, same), "--json", tmp_path / "a.json")
+    assert "1 of 10 recordings, and 1 left out, which does not count" in text
     data = json.loads((tmp_path / "a.json").read_text())
     assert [one["recordings"] for one in data["sets"]] == [["run2.npz"]] and data["sets"][0]["failed"] is None
     assert data["left_out"][0]["recording"] == "run1.npz" and "'force'" in data["left_out"][0]["reason"]
