@@ -40,8 +40,8 @@ def next_step(
         sets: Recorded gain sets.
         tuned: Names of the tuned gains; None: kp, ki and kd, and where they cannot meet the goal, td too, in wider
             ranges where neither rig nor bounds state them.
-        budget: Number of recordings in the sets, in all. Those with the role holdout and those that were left out, which
-            may not have been made for tuning, do not count.
+        budget: Number of recordings in the sets, in all. Those with the role holdout do not count, nor do those that
+            were left out, which may not have been made for tuning.
         seed: Seed of every choice.
         goal: What gains are judged by, see `design.goals.with_goal`; None: the rig's own.
         diagnosis: Diagnoses the campaign, where its recordings contradict the model.

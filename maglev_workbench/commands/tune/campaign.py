@@ -97,9 +97,11 @@ def run(
         console.print(block, highlight=False, soft_wrap=True)
         console.print("excitation: " + "; ".join(excitation_words(advice)))
     console.print(summary(advice), style="bold")
-    unused = f", and {len(left_out)} left out, which {'does' if len(left_out) == 1 else 'do'} not count" if left_out else ""
+    count = len(left_out)
+    unused = f", and {count} left out, which {'does' if count == 1 else 'do'} not count" if count else ""
     console.print(
-        f"{advice.recordings} of {budget} recordings{unused}\npage  {target / 'tune.html'}\ntoml  {target / 'next.toml'}"
+        f"{advice.recordings} of {budget} recordings{unused}\n"
+        f"page  {target / 'tune.html'}\ntoml  {target / 'next.toml'}"
     )
 
 
