@@ -60,8 +60,8 @@ class LearnedTuner:
         return np.clip(points, -1.0, 1.0)
 
     def tell(self, trials: Trials) -> None:
-        start = self._told is None  # these gains are the episode's, however many were asked for together
-        self._told = trials if start else self._told + trials
+        before = self._told
+        self._told = trials if before is None else before + trials
         if self._corrected is not None:
             self._corrected.tell(trials)
             return
@@ -71,7 +71,7 @@ class LearnedTuner:
         seen[:, self._left] = np.clip(1 - 2 * count / history, -1, 1)
         self._seen = np.concatenate([self._seen, seen])
         known = self._policy.familiar
-        if known is None or start:
+        if known is None or before is None:  # the first gains are the episode's, however many were asked for together
             return
         far = known.distance(seen)
         if far[row := int(far.argmax())] > known.limit:
@@ -81,7 +81,8 @@ class LearnedTuner:
                 "goes on"
             )
             self._corrected = ModelCorrected(self._task, self._episode, self._seed)
-            self._corrected.tell(self._told)
+            self._corrected.tell(before)
+            self._corrected.tell(trials)
 
 
 @cache

@@ -1,5 +1,6 @@
 """The model-corrected tuner: its linear model, its fit, what it carries, and what it makes of single effects."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import make_task
 from tuning.lockstep import side_by_side
+from tuning.search.corrected import tuner as tuner_module
 from tuning.search.corrected.discrepancy import Discrepancy
 from tuning.search.corrected.fit import fitted
 from tuning.search.corrected.loops import LineModel
@@ -117,6 +119,31 @@ def test_it_knows_nothing_of_the_rig_and_asks_the_same_again():
     found = experiments(TASK, [episode], points[:1], 2)
     assert found.score[0] > 0.9 > trials.score[0]
     assert first._parameters.rig.mass == TASK.rig.mass and first._task.effects == {}
+
+
+@pytest.mark.slow
+def test_a_first_batch_is_one_gain_set_and_is_followed_as_carefully_as_one_experiment(monkeypatch):
+    """Its experiments are at the start, but for a jitter: it had been taken for several."""
+    episode, firsts = TASK.draw(np.random.default_rng(4)), []
+
+    def watched(*arguments):
+        firsts.append(arguments[-1])
+        return fitted(*arguments)
+
+    def cautious(tuner):
+        """Whether what may surely not be lost changes what is asked for."""
+        asked = []
+        for loss in (-1e6, 1e6):
+            monkeypatch.setattr(tuner_module, "CALM", loss)
+            asked.append(deepcopy(tuner).ask(1)[0])
+        return not np.array_equal(*asked)
+
+    monkeypatch.setattr(tuner_module, "fitted", watched)
+    tuner, found = ModelCorrected(TASK, episode, 9), []
+    for number in (1, 4):
+        tuner.tell(experiments(TASK, [episode] * 3, tuner.ask(3), number))
+        found.append(cautious(tuner))
+    assert found == [True, False] and firsts == [True, True, True, False, False]
 
 
 @pytest.mark.slow

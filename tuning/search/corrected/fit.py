@@ -28,6 +28,7 @@ def fitted(
     start: np.ndarray,
     draws: int,
     rng: np.random.Generator,
+    first: bool = True,
 ) -> np.ndarray:
     """Parameters (draws, p) by a robust fit to experiments: the best ones, then draws of what these leave open.
 
@@ -39,6 +40,7 @@ def fitted(
         start: Where the fit starts, (p,).
         draws: Number of results.
         rng: Source of the draws.
+        first: Whether all experiments are at one gain set.
     """
     axes = np.array([int(i.get("axis", 0)) % len(models) for i in infos])
     rows = {axis: np.flatnonzero(axes == axis) for axis in set(axes.tolist())}
@@ -58,14 +60,14 @@ def fitted(
 
     prior = 1 / parameters.spread**2
     starts = [start]
-    if len(infos) == 1:  # one experiment may be explained by quite different rigs: the fit begins at the best of some
+    if first or len(infos) == 1:  # one gain set may be explained by quite different rigs: begin at the best of some
         drawn = parameters.centre + parameters.spread * rng.standard_normal((STARTS, parameters.spread.size))
         starts += list(drawn)
     starts = [np.clip(s, parameters.low, parameters.high) for s in starts]
     shown = [residuals(s) for s in starts]
     best = int(np.argmin([cost(r, s) for r, s in zip(shown, starts, strict=True)]))
     theta, r = starts[best], shown[best]
-    for _ in range(FIRST if len(infos) == 1 else STEPS):
+    for _ in range(FIRST if first or len(infos) == 1 else STEPS):
         jacobian = np.stack([(residuals(theta + step) - r) / STEP for step in STEP * np.eye(theta.size)], axis=1)
         weight = 1 / np.sqrt(1 + (r / DOUBTED) ** 2)
         information = (jacobian.T * weight) @ jacobian + np.diag(prior)

@@ -31,7 +31,7 @@ AMPLE = 3.0
 CANDIDATES, EVENTS = 180, 48  # points of a round of the search, fewer where their events are simulated
 ROUNDS, CENTRES, TRIED = 4, 3, 24  # rounds, points around which the next one looks, and points looked at for these
 WIDTH, NARROWER = 0.35, 0.3  # of the box's half width: half the edge of a round's cubes, and its share in the next
-CALM, UNSURE = 0.04, 0.05  # score that the second experiment may lose, and the share of draws in which it may
+CALM, UNSURE = 0.04, 0.05  # score that the first gains of its own may lose, and the share of draws in which it may
 LEVEL = 0.05  # weight of the expected score beside the expected gain, which tells points apart where nothing is gained
 JITTER = 0.03
 MODEL = 31415  # mixed into the seed so that the model's noise differs from that of the experiments
@@ -43,13 +43,16 @@ class ModelCorrected:
     The correction is space mapping (Bandler et al. 2004) with a Gaussian process (Kennedy and O'Hagan 2001): the
     difference is carried from the experiments to their surroundings and fades from there, so that the model alone
     speaks of gains far away. Draws of both say how sure a score is: the next gains are those of the largest expected
-    improvement, and the second ones, of which least is known, lose more than CALM in UNSURE of the draws only.
+    improvement, and those after the start, of which least is known, lose more than CALM in UNSURE of the draws only.
     """
 
     note: str | None = None
 
     def __init__(self, task: Task, episode: Episode, seed: int) -> None:
-        """Set up for a rig; of the episode only its target and start are used, and the task's effects are not."""
+        """Set up for a rig; of the episode only its target is used, and the task's effects are not.
+
+        It starts at the rig's own gains, which are known to hold.
+        """
         self._task = replace(task, effects={})
         self._target, self._goal = episode.target, task.layout.goal
         self._rng = np.random.default_rng((MODEL, seed))
@@ -58,6 +61,7 @@ class ModelCorrected:
         self._models = [LineModel(self._task, axis, self._goal) for axis in range(rig.axes)]
         self._start = task.box.point(of_axis(rig.gains, 0))
         self._told: Trials | None = None
+        self._batches = 0  # of experiments that were told together: of those of the first all are at the start
         self._thetas, self._due = self._parameters.centre[None], 1
         names = [r.name for r in self._goal.measured] if self._goal else list(NOISE)
         self._names = {n: n if self._goal is None else f"required_{n}" for n in names}
@@ -79,6 +83,7 @@ class ModelCorrected:
 
     def tell(self, trials: Trials) -> None:
         self._told = trials if self._told is None else self._told + trials
+        self._batches += 1
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -94,7 +99,8 @@ class ModelCorrected:
         good = self._good()
         points, infos = self._told.points[good], [self._told.info[i] for i in good]
         if len(self._told) >= self._due:
-            self._thetas = fitted(self._parameters, self._models, points, infos, self._thetas[0], DRAWS, self._rng)
+            start, first = self._thetas[0], self._batches == 1
+            self._thetas = fitted(self._parameters, self._models, points, infos, start, DRAWS, self._rng, first)
             self._due = int(np.ceil(AGAIN * len(self._told) + 0.5))
             self._loops = opened(self._parameters, self._models, self._thetas)
         axes = [int(i.get("axis", 0)) % len(self._models) for i in infos]
@@ -146,7 +152,7 @@ class ModelCorrected:
         return np.nan_to_num(found).min(axis=2).reshape(-1, len(points))
 
     def _searched(self) -> np.ndarray:
-        """The point that is expected to gain most; after the first experiment, among those that surely lose little."""
+        """The point that is expected to gain most; after the first experiments, among those that surely lose little."""
         told, good = self._told, self._good()
         own = self._scores(told.points[good]).mean(axis=0)
         bar, anchor = own.max(), told.points[good[own.argmax()]]
@@ -161,7 +167,7 @@ class ModelCorrected:
             drawn = self._scores(points)
             mean = drawn.mean(axis=0)
             merit = np.maximum(drawn - bar, 0.0).mean(axis=0) + LEVEL * mean
-            if len(told) == 1:
+            if self._batches == 1:
                 merit -= np.maximum(0.0, bar - CALM - np.quantile(drawn, UNSURE, axis=0))
             centres, values = self._leading(points, merit, width)
             width *= NARROWER
