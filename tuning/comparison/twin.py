@@ -149,5 +149,5 @@ def _read(path: Path) -> CaseWorth | None:
         data = json.loads(path.read_text())
         by = {n: Recommended(**{k: nan if v is None else v for k, v in r.items()}) for n, r in data["by"].items()}
         return CaseWorth(**{**data, "by": by})
-    except (FileNotFoundError, ValueError, TypeError, KeyError):
+    except (FileNotFoundError, ValueError, TypeError, KeyError, AttributeError):
         return None

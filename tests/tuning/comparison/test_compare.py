@@ -8,6 +8,7 @@ from maglev_env.recordings.result_folder import LOCK
 from maglev_env.task.task import make_task
 from tuning.comparison.compare import SPEC, compare
 from tuning.comparison.rigs import held_out
+from tuning.comparison.twin import _read
 from tuning.methods import make_tuner
 from tuning.study.study import experiments
 
@@ -126,3 +127,9 @@ def test_bad_input_is_refused_before_any_work(tmp_path, changed, words):
     with pytest.raises(ValueError, match=words):
         run(tmp_path / "new", **changed)
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"by": []}', '{"by": {"twin": 3}}', "{"])
+def test_a_damaged_case_of_a_comparison_on_twins_is_made_again(tmp_path, text):
+    (tmp_path / "c.json").write_text(text)
+    assert _read(tmp_path / "c.json") is None
