@@ -217,14 +217,15 @@ def test_a_policy_out_of_its_depth_gives_way_and_says_so():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("protocol", "rigs", "budget"), [("quick", 20, 30), ("full", 12, 10)])
+@pytest.mark.parametrize(("protocol", "rigs", "budget"), [("quick", 40, 10), ("quick", 20, 30), ("full", 20, 10)])
 def test_a_shipped_policy_is_in_its_depth_on_rigs_like_those_of_its_training(protocol, rigs, budget):
-    """At every experiment of its history, and around the best gains after it."""
+    """At every experiment of its history, and around the best gains after it: on no more rigs than if every experiment
+    had its own chance to be one of the few that do not count as familiar. All had switched at the tenth."""
     task = World(load_rig("hmb_free"), protocol).task()
     _, lanes, seeds = held_out(task, rigs, 1, 4711, affected=True)
     tuners = [LearnedTuner(task, e, shipped_policy(task), s) for e, s in zip(lanes, seeds, strict=True)]
     side_by_side(task, lanes, tuners, budget)
-    assert sum(t.note is not None for t in tuners) <= 0.15 * rigs
+    assert sum(t.note is not None for t in tuners) <= (1 - SHARE) * (budget - 1) * rigs
 
 
 @pytest.mark.slow
