@@ -142,6 +142,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     rig, reached = p.parts[0].record.nominal, (motion_reached(p), current_reached(p))
     cost, nameless, refused = np.full(len(candidates), inf), inf, np.full(len(candidates), inf)
     on_one_line: dict[int, float] = {}
+    _differentiate_simulated(attribution)
     for i, c in enumerate(candidates):
         if len(c.effects) == 1 or not c.contradicted:
             at = c.fit.hypothesis.point(c.fit.u)
@@ -170,6 +171,17 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     for i in as_good_as_others(attribution, cost, on_one_line):
         cost[i] = on_one_line[i]
     return cost, nameless, refused
+
+
+def _differentiate_simulated(attribution: Attribution) -> None:
+    """Differentiate the candidates near the best that were only simulated (see `again`), in place.
+
+    What their forms and further parameters cost is told by their Jacobian; without one, forms would be free.
+    """
+    p, fits = attribution.problem, [c.fit for c in attribution.candidates if len(c.effects) == 1 or not c.contradicted]
+    least = min((f.cost for f in fits), default=inf)
+    simulated = [f for f in fits if f.jacobian is None and f.cost < least + NEAR_BEST]
+    differentiate(simulated, p.data, p.simulate, True)
 
 
 def as_good_as_others(attribution: Attribution, cost: np.ndarray, on_one_line: Mapping[int, float]) -> list[int]:
