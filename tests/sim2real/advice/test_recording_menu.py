@@ -12,6 +12,7 @@ from maglev_env.rig.rig import Noise
 from sim2real.advice.next_experiment import _look, _separation
 from sim2real.advice.recording_menu import Item, menu
 from sim2real.compared.problem import assemble
+from sim2real.recorded.opened import stated_noise
 from sim2real.recorded.records import read_records
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
@@ -30,24 +31,37 @@ def test_the_separation_expected_of_a_repetition_is_the_one_that_was_found(tmp_p
     (part,), items = problem.parts, menu(record)
     outputs = part.opened.outputs
     assert [i.outputs for i in items] == [outputs] * len(items)
-    expected = _separation(Item("the same", 1.0, record, outputs, {}), part, fits)
+    expected, pair = _separation(Item("the same", 1.0, record, outputs, {}), part, fits)
+    assert pair == tuple(fits)
     # A delay that were not there would be refitted to both recordings, which leaves half the cost; less gain would not.
     assert found > 30 and 0.45 * found < expected < 1.1 * found
-    table = {tuple(i.change): _separation(i, part, fits) for i in items}
+    table = {tuple(i.change): _separation(i, part, fits)[0] for i in items}
     assert {"amplitude", "excitation", "offset", "gains"} == {name for (name,) in table}
     assert 1.3 * expected < table[("amplitude",)] < 4.1 * expected  # 4 without any refit
     assert all(np.isfinite(value) for value in table.values()) and table[("excitation",)] > expected
 
 
-@pytest.mark.parametrize("states", [True, False])
-def test_nothing_is_expected_of_a_designed_recording_where_no_noise_is_stated(tmp_path, states):
-    folder = campaign(tmp_path, names=("base",))
-    _, (record, *_) = read_records(folder)
-    rig = record.nominal if states else replace(record.nominal, noise=Noise(), adc_bits=0, dac_bits=0)
-    items = menu(replace(record, nominal=rig, experiment=replace(record.experiment, rig=rig)))
-    part = assemble([record]).parts[0]
+def stating(record, noise):
+    """The record of the same rig that states a noise and ideal converters."""
+    rig = replace(record.nominal, noise=noise, adc_bits=0, dac_bits=0)
+    return replace(record, nominal=rig, experiment=replace(record.experiment, rig=rig))
+
+
+@pytest.mark.parametrize("current", [True, False])
+def test_a_recording_is_as_noisy_as_the_one_that_was_made_whatever_the_rig_states(tmp_path, current):
+    """Only what that has not shown is as noisy as stated, and expected of nothing where no noise is."""
+    keep = ("force", "injection", "displacement") + ("current",) * current
+    _, (record, *_) = read_records(campaign(tmp_path, names=("base",), keep=keep))
+    part, none = assemble([record]).parts[0], stating(record, Noise())
+    noise = np.sqrt(stated_noise(record, replace(part.opened, outputs=("plant", "amplifier"))) / record.count)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        looks = [_look(item, part)[1] for item in items if item.outputs]
-    assert looks and all(np.isfinite(weights).all() == states for weights in looks)
-    assert states or {_separation(item, part, []) for item in items if item.outputs} == {-np.inf}
+        looks = [(item, _look(item, part)[1]) for item in menu(none) if item.outputs]
+    told = [row for item, weights in looks for row in zip(item.outputs, weights, noise, strict=False)]
+    for output, own, expected in told:
+        if output in part.opened.outputs:
+            assert np.median(own * expected) == pytest.approx(np.sqrt(2), rel=0.3)
+        else:
+            assert np.isinf(own).all()
+    silent = [item for item, weights in looks if np.isinf(weights).any()]
+    assert bool(silent) == (not current) and {_separation(item, part, [])[0] for item in silent} <= {-np.inf}
