@@ -77,7 +77,10 @@ class Trend:
 
 @dataclass(frozen=True)
 class _Row:
-    """Trends of one recording: slopes per second and derivatives by each gain, in units of the noise, (n,)."""
+    """Trends of one recording: slopes per second and derivatives by each gain, in units of the noise, (n,).
+
+    A gain with which the rotor touches down has no derivative.
+    """
 
     slopes: np.ndarray
     by: Mapping[str, np.ndarray]
@@ -98,8 +101,11 @@ def trend_of(problem: Problem, judged: Problem, point: Point, seed: int) -> Tren
     slopes = np.concatenate([row.slopes for row in rows])
     if stats.chi2.sf(float(np.sum(abs(slopes) ** 2)), 2 * slopes.size) > FALSE_ALARM:
         return None
+    held = [row for part in judged.parts if (row := _row(part, point))]
+    if not held:
+        return None
     found = {}
-    for place in rows[0].by:
+    for place in (name for name in rows[0].by if all(name in row.by for row in (*rows, *held))):
         by = np.concatenate([row.by[place] for row in rows])
         weight = float(np.sum(abs(by) ** 2))
         if weight > 0:
@@ -109,9 +115,6 @@ def trend_of(problem: Problem, judged: Problem, point: Point, seed: int) -> Tren
         return None
     place = max(found, key=lambda name: found[name][0])
     _, rate, se = found[place]
-    held = [row for part in judged.parts if (row := _row(part, point))]
-    if not held:
-        return None
     before = np.concatenate([row.slopes for row in held])
     closes, ends = share_closed(before, before - rate * np.concatenate([row.by[place] for row in held]), seed)
     if closes is None or ends is None or closes < HELD or ends[0] < SURELY:
