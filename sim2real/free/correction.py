@@ -32,7 +32,7 @@ class Free:
 
     Attributes:
         base: Effects that it stands beside; none beside calibration alone.
-        named: Effects that are named as the cause, which it must beat; without any, a refit of every parameter.
+        rival: What it must beat, in words: what is named, or a refit of every nominal parameter.
         drawn: Its corrections.
         candidate: Its fit.
         judged: The recordings that judge, with the noise that it leaves of those without a period.
@@ -44,7 +44,7 @@ class Free:
     """
 
     base: tuple[str, ...]
-    named: tuple[str, ...]
+    rival: str
     drawn: tuple[Drawn, ...]
     candidate: Candidate
     judged: Problem
@@ -52,11 +52,6 @@ class Free:
     beyond: float | None
     beyond_ci: tuple[float, float] | None
     trend: Trend | None = None
-
-    @property
-    def rival(self) -> str:
-        """What it must beat."""
-        return " with ".join(self.named) or "a refit of every nominal parameter"
 
     @property
     def block(self) -> str:
@@ -131,19 +126,27 @@ def free_correction(
             best = found
     near = calibration.fit if np.isfinite(calibration.fit.cost) else partial.fit
     trend = trend_of(problem, judged, near.hypothesis.point(near.u), seed) if not named else None
+    rival, words = _rival(attribution, partial, named)
     if best is None:
-        return None if trend is None else Free((), (), (), calibration, judged, False, None, None, trend)
+        return None if trend is None else Free((), words, (), calibration, judged, False, None, None, trend)
     if any(isinstance(part.record, OpenRecord) for part in problem.parts):
         # The noise of a record without a period is what a good simulation leaves of it.
         near = best.hypothesis.point(best.u)
         problem, judged = problem.again(near), judged.again(near)
         best = refined(problem, best)
-    rival = partial.fit if named else attribution.refitted or calibration.fit
     beyond, ends = _beyond(judged, rival, best, seed)
     gained = beyond is not None and ends is not None and beyond >= GAINED and ends[0] >= SURELY
-    against = partial.effects if named else ()
     beside, found = best.hypothesis.effects, drawn(problem, best)
-    return Free(beside, against, found, Candidate(best), judged, gained, beyond, ends, trend)
+    return Free(beside, words, found, Candidate(best), judged, gained, beyond, ends, trend)
+
+
+def _rival(attribution: Attribution, partial: Candidate, named: bool) -> tuple[Fit, str]:
+    """What a correction must beat, and its name: where tones alone are named, their candidate is calibration."""
+    if named:
+        return partial.fit, " with ".join(partial.effects) or "calibration"
+    if attribution.refitted is None:
+        return attribution.calibration.fit, "calibration"
+    return attribution.refitted, "a refit of every nominal parameter"
 
 
 def _beyond(judged: Problem, rival: Fit, fit: Fit, seed: int) -> tuple[float | None, tuple[float, float] | None]:

@@ -1,6 +1,7 @@
 """A free correction of records of a bench of another hand: its place, shape and size, and that it may be nothing."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from maglev_env.rig.rig_toml import rig_toml
 from maglev_workbench.commands.diagnose.free import free_sections
 from sim2real.compared.point import tolerances
 from sim2real.compared.problem import assemble
-from sim2real.free.correction import free_correction, share_closed
+from sim2real.free.correction import _rival, free_correction, share_closed
 from sim2real.free.kinds import LINEAR, PLAY, Kind, Sizes, freed, kinds, sizes_of
 from sim2real.recorded.records import read_records
 from sim2real.search.candidates import Attribution, Candidate
@@ -110,3 +111,19 @@ def test_corrections_of_one_place_add_what_they_have_in_common():
     assert both.point(u).effects["free_command"]["direct"] == pytest.approx(0.5)
     u[second] = 0.0
     assert both.point(u).effects == alone.point(own).effects
+
+
+@pytest.mark.parametrize(
+    ("effects", "named", "refitted", "said"),
+    [
+        (("delay", "mass"), True, "wide", "delay with mass"),
+        ((), True, "wide", "calibration"),  # tones alone are named
+        (("delay",), False, "wide", "a refit of every nominal parameter"),
+        (("delay",), False, None, "calibration"),  # no parameter has a tolerance
+    ],
+)
+def test_what_it_must_beat_is_called_what_it_is(effects, named, refitted, said):
+    partial = SimpleNamespace(effects=effects, fit="+".join(effects) or "calibrated")
+    attribution = SimpleNamespace(calibration=SimpleNamespace(fit="calibrated"), refitted=refitted)
+    fit, words = _rival(attribution, partial, named)
+    assert words == said and fit == (partial.fit if named else refitted or "calibrated")
