@@ -87,7 +87,6 @@ def diagnose(
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
         notes.append(said)
-    gap = shrink(judged, attribution, picked, judged_on, seed)
     proposal = None
     if named.verdict in ("ambiguous", "unexplained"):
         progress("next experiment")
@@ -104,7 +103,10 @@ def diagnose(
         free = free_correction(attribution, judged, picked or partial, picked is not None, seed)
         if free is not None and free.gained:
             alone, judged = free.candidate, free.judged
-            gap = shrink(judged, attribution, free.candidate, judged_on, seed)
+    gap = shrink(judged, attribution, alone, judged_on, seed)
+    # The free correction names nothing, so that what it closes is no merit of what is named.
+    beside = picked is not None and alone is not picked
+    gap_of_named = shrink(judged, attribution, picked, judged_on, seed) if beside else None
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, weighed.seen, weighed.drift)
     corrected = corrected if free is None else free.added_to(corrected)
     late = late_readings(fitted, (picked or attribution.calibration).fit)
@@ -137,6 +139,7 @@ def diagnose(
         rareness=rare,
         evidence=weighed.evidence,
         late=late,
+        gap_of_named=gap_of_named,
     )
 
 

@@ -114,9 +114,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     values = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
     more = sum(e.probability for e in diagnosis.which if set(e.effects) > set(top.effects))
     beside = f", {percent(more)} with another effect beside" if more >= CLASS_SHARE * top.probability else ""
+    closes = _closes(diagnosis.closing, only_tones(diagnosis))
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}{beside}), in "
-        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{_closes(diagnosis.gap)}{_besides(diagnosis)}."
+        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{closes}{_besides(diagnosis)}."
     )
 
 
@@ -177,10 +178,19 @@ def _far(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _closes(gap: Gap) -> str:
+def only_tones(diagnosis: Diagnosis) -> bool:
+    """Whether tones or a drift alone are named: what is compared does not show them, and calibration closes its gap."""
+    named_first = next(iter(named(diagnosis)), None)
+    if named_first is None or named_first.candidate is None:
+        return False
+    return not diagnosis.attribution.candidates[named_first.candidate].effects
+
+
+def _closes(gap: Gap, by_calibration: bool) -> str:
     """How much of the gap is closed, as the end of a sentence; where that has no meaning, the fit's own figures."""
     if gap.closed_fraction is not None:
-        return f"; it closes {round(100 * gap.closed_fraction)} % of the gap{closed_spread(gap)}"
+        closed = f"{round(100 * gap.closed_fraction)} % of the gap{closed_spread(gap)}"
+        return f"; beside it, calibration closes {closed}" if by_calibration else f"; it closes {closed}"
     if gap.before is not None and gap.after is not None:
         return (
             f"; on the {gap.judged_on} the gap is {gap.before:.2g} times the noise before and {gap.after:.2g} after: "

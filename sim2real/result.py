@@ -43,7 +43,7 @@ class Diagnosis:
         which: Every hypothesis with its probability.
         indistinguishable: Sets of causes that the campaign cannot distinguish.
         next_experiment: The most useful next recording, if one is needed.
-        gap: How far the gap shrinks.
+        gap: How far the gap shrinks with the corrected rig.
         corrected: The point that closes the gap (calibration alone where no effect is named).
         campaign: The campaign of the recordings that were used.
         attribution: The fitted candidates.
@@ -64,6 +64,8 @@ class Diagnosis:
             the verdict is "unexplained".
         evidence: What the probabilities were computed from.
         late: The clear time between displacement and drive that this has taken up; None without one.
+        gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
+            beside it; None elsewhere.
     """
 
     verdict: str
@@ -88,6 +90,7 @@ class Diagnosis:
     rareness: tuple[float, int] | None = None
     evidence: Evidence | None = None
     late: Late | None = None
+    gap_of_named: Gap | None = None
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"
@@ -103,8 +106,16 @@ class Diagnosis:
             raise ValueError(f"{self.campaign.folder}: the campaign names no rig, so nothing can be corrected")
         return self.campaign.rig
 
+    @property
+    def closing(self) -> Gap:
+        """The gap of which what is named closes a share; where nothing is named, that of the corrected rig."""
+        return self.gap_of_named or self.gap
+
     def to_json(self) -> dict[str, Any]:
-        """The diagnosis as schema maglev-diagnosis/1, in SI units; None for what could not be determined."""
+        """The diagnosis as schema maglev-diagnosis/1, in SI units; None for what could not be determined.
+
+        The closed fraction is that of `closing`, the corrected closed fraction that of the corrected rig.
+        """
         which = [
             {
                 "effects": list(e.effects),
@@ -116,7 +127,7 @@ class Diagnosis:
             }
             for e in self.which
         ]
-        g, w = self.gap, self.where
+        g, named, w = self.gap, self.closing, self.where
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
@@ -137,10 +148,12 @@ class Diagnosis:
                 "calibrated": g.calibrated,
                 "after": g.after,
                 "floor": g.floor,
-                "closed_fraction": g.closed_fraction,
+                "closed_fraction": named.closed_fraction,
                 "nominal_levitates": g.before is not None,
                 "fit": None if g.figures is None else asdict(g.figures),
-                "closed_fraction_ci": None if g.closed_fraction_ci is None else list(g.closed_fraction_ci),
+                "closed_fraction_ci": None if named.closed_fraction_ci is None else list(named.closed_fraction_ci),
+                "corrected_closed_fraction": g.closed_fraction,
+                "corrected_closed_fraction_ci": None if g.closed_fraction_ci is None else list(g.closed_fraction_ci),
                 "judged_on": g.judged_on,
                 "stiffness_error": errors(g, "stiffness"),
                 "damping_error": errors(g, "damping"),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -167,3 +168,31 @@ def test_every_verdict_has_its_sentence():
         "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor; "
         "delay time 20 µs, unbalance moment 0.03 g mm"
     )
+
+
+def test_what_a_free_correction_closes_is_no_merit_of_what_is_named():
+    found = diagnosis(CALIBRATED)
+    alone = replace(found.gap, after=3.0, closed_fraction=0.6, closed_fraction_ci=(0.5, 0.7))
+    beside = replace(found, gap_of_named=alone)
+    assert "; it closes 98 % of the gap (95 %: 90 .. 100)" in sentence(found)
+    assert "; it closes 60 % of the gap (95 %: 50 .. 70)" in sentence(beside)
+    told = beside.to_json()["gap"]
+    assert (told["closed_fraction"], told["closed_fraction_ci"]) == (0.6, [0.5, 0.7])
+    assert (told["corrected_closed_fraction"], told["corrected_closed_fraction_ci"]) == (0.98, [0.9, 1.0])
+    assert (told["before"], told["after"]) == (6.0, 1.1)  # of the corrected rig
+    plain = found.to_json()["gap"]
+    assert plain["closed_fraction"] == plain["corrected_closed_fraction"] == 0.98
+
+
+def test_what_calibration_closes_is_no_merit_of_a_tone():
+    """A tone lies beside what is compared: its candidate is that of calibration."""
+    which = (Entry(("pickup",), 0.9, 0.0, 0, None), Entry(("delay", "pickup"), 0.1, 9.0, 1, None))
+    tone = replace(
+        diagnosis(Point(effect("pickup", 1e-7), {"mass": 0.004}), cause=("pickup",), which=which),
+        attribution=SimpleNamespace(candidates=[SimpleNamespace(effects=()), SimpleNamespace(effects=("delay",))]),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sim2real.report.corrections", lambda diagnosis: ())
+        assert "; beside it, calibration closes 98 % of the gap (95 %: 90 .. 100)" in sentence(tone)
+        both = replace(tone, cause=("delay", "pickup"), which=which[1:])
+        assert "; it closes 98 % of the gap" in sentence(both)

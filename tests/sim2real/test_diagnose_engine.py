@@ -15,8 +15,10 @@ from maglev_env.recordings.files import read_columns, write_csv
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig_file import load_rig
+from sim2real import diagnosis
 from sim2real.advice.next_experiment import SEPARATED
 from sim2real.diagnosis import diagnose
+from sim2real.free.correction import Free
 from sim2real.search import attribute
 
 FREE = load_rig("hmb_free")
@@ -55,6 +57,22 @@ def test_a_delay_is_found_located_and_closed(delayed):
     assert wrong.predictive > found.attribution.of("delay").predictive + 100
 
 
+def test_the_share_of_what_is_named_is_told_apart_from_that_of_a_free_correction(tmp_path, monkeypatch):
+    """The free correction stands in for one: calibration, which closes much less than the delay."""
+
+    def gained(attribution, judged, partial, named, seed):
+        return Free(partial.effects, "delay", (), attribution.calibration, judged, True, 0.5, (0.4, 0.6))
+
+    monkeypatch.setattr(diagnosis, "_leaves_much", lambda *_: True)
+    monkeypatch.setattr(diagnosis, "free_correction", gained)
+    found = answer(campaign(tmp_path / "c", effects=DELAY), "delay", "friction")
+    assert found.cause == ("delay",)
+    assert found.gap.after == found.gap.calibrated > 2 > found.gap_of_named.after
+    told = found.to_json()["gap"]
+    assert told["closed_fraction"] > told["corrected_closed_fraction"] + 0.01
+    assert told["corrected_closed_fraction"] == found.gap.closed_fraction
+
+
 def test_its_json_holds_what_is_promised(delayed):
     data = delayed[1].to_json()
     assert data["schema"] == "maglev-diagnosis/1" and data["seconds"] > 0
@@ -83,6 +101,7 @@ def test_parameters_within_tolerance_are_calibration(tmp_path):
     assert found.verdict == "no_gap" and found.which[0].effects == ("calibration",)
     assert found.gap.before > 2 and found.gap.after < 1.15
     changes = found.corrected.changes
+    assert found.gap_of_named is None  # nothing is named
     assert not found.corrected.effects and changes["actuator_gain"] == pytest.approx(0.05, abs=0.03)
 
 

@@ -23,6 +23,7 @@ from sim2real.report import (
     Correction,
     closed_spread,
     corrections,
+    only_tones,
     sentence,
     tempered,
     where_in_words,
@@ -98,7 +99,9 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
         parts.append(words)
     found = corrections(diagnosis)
     if diagnosis.verdict in ("no_gap", "unexplained") and found:
-        within = "Within tolerance" if diagnosis.verdict == "no_gap" else "Calibration, as far as it goes"
+        beside = diagnosis.free is not None and diagnosis.free.gained
+        as_far = "Fitted beside the free correction" if beside else "Calibration, as far as it goes"
+        within = "Within tolerance" if diagnosis.verdict == "no_gap" else as_far
         parts.append(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}.")
     if diagnosis.next_experiment:
         parts.append(marked("Measure next:", _next(diagnosis), "bold"))
@@ -207,7 +210,9 @@ def _gap_rows(d: Diagnosis) -> list[tuple[str, float | None]]:
 def _gap_lines(d: Diagnosis) -> list[str]:
     g = d.gap
     before, after = ("does not levitate" if v is None else number(v) for v in (g.before, g.after))
-    lines = [f"Gap on the {g.judged_on}, in units of the noise: {before} before, {after} after (floor {g.floor:g})."]
+    corrected = " with the free correction" if d.free is not None and d.free.gained else ""
+    sizes = f"{before} before, {after} after{corrected} (floor {g.floor:g})"
+    lines = [f"Gap on the {g.judged_on}, in units of the noise: {sizes}."]
     if g.closed_fraction is not None:
         lines[0] = lines[0][:-1] + f"; {round(100 * g.closed_fraction)} % closed{closed_spread(g)}."
     elif g.before is not None and g.after is not None:
@@ -219,7 +224,8 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     foils = {name: value for name, value in g.foils.items() if value is not None}
     if foils and d.corrected.effects:
         text = "Foils: " + ", ".join(f"{name} leaves {number(value)}" for name, value in foils.items()) + "."
-        if d.verdict != "unexplained" and g.after is not None and min(foils.values()) < NO_BETTER * g.after:
+        own = None if d.verdict == "unexplained" or only_tones(d) else d.closing.after
+        if own is not None and min(foils.values()) < NO_BETTER * own:
             text += " The named effect does not beat them, so the diagnosis is weak."
         lines.append(text)
     if d.choice is not None:

@@ -20,6 +20,7 @@ from maglev_workbench.commands.diagnose.report import diagnose_page, terminal
 from maglev_workbench.console import console
 from sim2real.curves import curves
 from sim2real.diagnosis import diagnose
+from sim2real.free.correction import Free
 from sim2real.judgement.untold_time import Late
 from sim2real.report import corrections
 from sim2real.search import attribute
@@ -169,12 +170,20 @@ def test_every_verdict_has_a_page(diagnosed):
     assert "No effect that fits is borne out" in diagnose_page(unknown)
     unknown = replace(unknown, which=(replace(found.which[0], effects=("unknown",)), *found.which[1:]))
     assert "No known effect" in diagnose_page(unknown) and "Calibration, as far as it goes" in shown(unknown)
+    free = Free((), "calibration", (), found.attribution.of("delay"), found.judged, True, 0.9, (0.8, 1.0))
+    beside = replace(unknown, corrected=named.corrected, free=free)  # the best partial explanation and a correction
+    assert "Fitted beside the free correction: delay.time" in shown(beside) and "Calibration, as" not in shown(beside)
+    assert "after with the free correction" in shown(beside) and "with the free correction" not in shown(unknown)
     alike = replace(named, verdict="ambiguous", cause=("delay", "mass"))
     assert "cannot tell them apart" in diagnose_page(alike)
     beaten = replace(named, gap=replace(named.gap, foils={"another effect": named.gap.after}))
     assert "does not beat them" in shown(beaten) and "does not beat" not in shown(
         replace(named, gap=replace(named.gap, after=1.0, foils={"another effect": 2.0}))
     )
+    helped = replace(named, gap=replace(named.gap, after=1.0, foils={"another effect": 2.0}))
+    assert "does not beat" in shown(replace(helped, gap_of_named=replace(named.gap, after=2.1)))  # a correction did it
+    tone = replace(beaten, which=tuple(replace(e, candidate=0) for e in beaten.which))
+    assert "does not beat" not in shown(tone) and "beside it, calibration closes" in shown(tone)
     still = replace(found, gap=replace(found.gap, before=None, closed_fraction=None))
     assert "does not levitate before" in shown(still) and "is not drawn" in diagnose_page(still)
     hidden = replace(named, where=replace(named.where, significant=False))
