@@ -56,10 +56,22 @@ def _size(size: float, se: float, unit: str) -> str:
     return f"{quantity(size, NORMAL_95 * se, unit)} (95 %)"
 
 
+def _ends(d: Drawn, unit: str) -> tuple[str, str]:
+    """The curve at its least and at its largest input: the form lies beside a straight line, so its size is neither."""
+    low, high = (_size(float(d.value[i]), float(d.se[i]), unit) for i in (0, -1))
+    return low, high
+
+
+def _gains_at_ends(d: Drawn) -> tuple[str, str]:
+    """The same of a curve in the unit of its input, as shares of that."""
+    low, high = (_share(float(d.value[i] / d.at[i]), float(d.se[i]) / d.range) for i in (0, -1))
+    return low, high
+
+
 def _free(d: Drawn, unit: str) -> str:
     """A curve without a simple form: its ends."""
-    low, high = (quantity(v, NORMAL_95 * se, unit) for v, se in ((d.value[0], d.se[0]), (d.value[-1], d.se[-1])))
-    return f"{low} at one end and {high} at the other (95 %)"
+    low, high = _ends(d, unit)
+    return f"{low} at one end and {high} at the other"
 
 
 def _of_signal(d: Drawn, f: Form, unit: str) -> str:
@@ -71,9 +83,11 @@ def _of_signal(d: Drawn, f: Form, unit: str) -> str:
     if f.name in ("cubic", "quadratic"):
         return f"grows {'more' if f.size > 0 else 'less'} than linearly: {share} at {reach}"
     if f.name == "one-sided":
-        return f"another gain for either sign: {share} for positive, the opposite for negative"
+        low, high = _gains_at_ends(d)
+        return f"another gain for either sign: {high} for positive, {low} for negative"
     if f.name == "bent":
-        return f"bends to one side: {share} at {reach}, the opposite at -{reach}"
+        low, high = _gains_at_ends(d)
+        return f"bends to one side: {high} at {reach}, {low} at -{reach}"
     if f.name == "step":
         what = "a symmetric dead band of" if f.size < 0 else "a jump at zero by"
         return f"{what} {_size(abs(f.size), f.se, unit)} either way"
@@ -103,9 +117,11 @@ def _of_force(d: Drawn, f: Form, unit: str) -> str:
     if f.name in ("cubic", "quadratic"):
         return f"it grows {'more' if f.size > 0 else 'less'} than linearly, by {size} at {reach}"
     if f.name == "one-sided":
-        return f"other slopes for either sign: {size} at {reach} and at -{reach}"
+        low, high = _ends(d, "N")
+        return f"other slopes for either sign: {high} at {reach}, {low} at -{reach}"
     if f.name == "bent":
-        return f"it bends to one side: {size} at {reach} and at -{reach}"
+        low, high = _ends(d, "N")
+        return f"it bends to one side: {high} at {reach}, {low} at -{reach}"
     if f.name == "step":
         return f"a step at zero of {size} either way, as of dry friction"
     if f.name == "band" and f.size < 0:
@@ -123,7 +139,7 @@ def _of_force(d: Drawn, f: Form, unit: str) -> str:
 def _of_gain(d: Drawn, f: Form, unit: str) -> str:
     """Words of a relative change of the gain."""
     reach, share = _at(d.range, unit), _share(f.size, f.se)
-    low, high = (_share(v, se) for v, se in ((d.value[0], d.se[0]), (d.value[-1], d.se[-1])))
+    low, high = (_share(float(d.value[i]), float(d.se[i])) for i in (0, -1))
     ends = f"{low} at -{reach} and {high} at {reach}"
     if f.name == "straight":
         return f"changes evenly, by {share} up to {reach}"
