@@ -266,6 +266,8 @@ def _word_rows(d: Diagnosis) -> list[tuple[str, ...]]:
 
 def _next(d: Diagnosis) -> str:
     p = d.next_experiment
+    if p.expected_separation is None:
+        return f"{p.what}; {p.why}."
     return f"{p.what}; {p.why} (expected separation {number(p.expected_separation)}; {SEPARATED:g} tell them apart)."
 
 
