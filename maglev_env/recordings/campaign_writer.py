@@ -58,12 +58,12 @@ def write_campaign(
         Path of campaign.toml.
 
     Raises:
-        ValueError: Something does not fit the format, or the campaign exists and overwrite is not set.
+        ValueError: Something does not fit the format, or one of the files exists and overwrite is not set.
     """
     folder = Path(folder)
     target = folder / "campaign.toml"
-    if target.exists() and not overwrite:
-        raise ValueError(f"{target} exists; choose another folder, or overwrite it explicitly")
+    if not overwrite:
+        require_room(folder, rig_source, [name for name, *_ in recordings], data_format)
     if data_format not in FORMATS:
         raise ValueError(f"data_format = {data_format!r}; use one of {', '.join(FORMATS)}")
     with_parameters(load_rig(rig_source), parameters)
@@ -82,6 +82,25 @@ def write_campaign(
         FORMATS[data_format](folder / f"{name}.{data_format}", {"time": dataset["time"].values, **columns})
     write_text_atomic(target, "\n".join(lines) + "\n")
     return target
+
+
+def require_room(folder: Path, rig_source: str, names: Sequence[str], data_format: str) -> None:
+    """Check that nothing in a folder would be replaced by a campaign; a rig.toml of the same contents may be there.
+
+    Args:
+        folder: The folder, which need not exist.
+        rig_source: As `write_campaign`.
+        names: Of the recordings.
+        data_format: Format of the data files.
+
+    Raises:
+        ValueError: One of its files exists; the message names it.
+    """
+    own, files = folder / "rig.toml", ["campaign.toml", *(f"{name}.{data_format}" for name in names)]
+    if rig_source not in PRESETS and own.exists() and own.read_bytes() != Path(rig_source).read_bytes():
+        files.append(own.name)
+    if taken := [file for file in files if (folder / file).exists()]:
+        raise ValueError(f"{folder / taken[0]} exists and would be replaced; choose another folder")
 
 
 def _check(recordings: Sequence[tuple[str, str, "xr.Dataset", Experiment | None]]) -> None:

@@ -140,6 +140,21 @@ def test_a_campaign_is_not_written_over_another(here, arguments):
     assert "campaign.toml exists; choose another --out" in text
 
 
+@pytest.mark.parametrize(
+    ("arguments", "file"),
+    [
+        (["simulate", "--kp", "8000"], "run1.npz"),
+        (["simulate"], "recordings.html"),
+        (["selfsense", "record", "--format", "csv"], "coil.csv"),
+    ],
+)
+def test_no_recording_is_written_over_a_file_of_its_name(here, arguments, file):
+    Path("measured").mkdir()
+    Path("measured", file).write_text("mine")
+    assert f"{file} exists" in maglev(*arguments, "--out", "measured", code=2)
+    assert Path("measured", file).read_text() == "mine" and len(list(Path("measured").iterdir())) == 1
+
+
 @pytest.mark.parametrize("command", ["generate", "run"])
 def test_a_sealed_set_wants_an_empty_folder(here, command):
     text = maglev("blind", command, "--seed", 1, "--out", "good", code=2)

@@ -68,8 +68,8 @@ def rig_beside(rig: str, folder: Path, replaced: Path | None = None) -> str:
     """
     if rig in PRESETS:
         return rig
-    if replaced is not None and replaced.name == Path(rig).name and Path(rig).exists():
-        replaced.unlink()
+    if replaced is not None and replaced.name == Path(rig).name and replaced.resolve() != Path(rig).resolve():
+        _copy(Path(rig), replaced)
     inside, _ = bring([Path(rig)], folder)
     return inside[0].resolve().relative_to(folder.resolve()).as_posix()
 
@@ -91,8 +91,12 @@ def bring(files: Sequence[Path], folder: Path) -> tuple[list[Path], list[Path]]:
             if target.read_bytes() != file.read_bytes():
                 raise ValueError(f"{target} exists and is not {file}; choose another --out")
         else:
-            with file.open("rb") as data, atomic_file(target) as written:
-                shutil.copyfileobj(data, written)
+            _copy(file, target)
             copied.append(target)
         inside.append(target)
     return inside, copied
+
+
+def _copy(file: Path, target: Path) -> None:
+    with file.open("rb") as data, atomic_file(target) as written:
+        shutil.copyfileobj(data, written)

@@ -1,10 +1,10 @@
 """A skeleton of rig.toml: what the magnet kind needs, to be stated by the engineer."""
 
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from maglev_env.fields import toml_tables
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.rig.rig_file import SCHEMA, load_rig
@@ -47,18 +47,21 @@ _DRIVEN = (
 )
 
 
-_BEGINS = "# A skeleton: take the # from a line"
-_BY_ITSELF = frozenset(["mass", "control_rate", "adc_bits", "dac_bits"])  # what a skeleton may state in [parameters]
+_SEAL = "# --force may replace this file as long as its text fits this number: "
+
+
+def _sealed(text: str) -> str:
+    """The text with a last line by which any later change shows."""
+    return f"{text}{_SEAL}{sha256(text.encode()).hexdigest()[:16]}\n"
 
 
 def is_untouched(path: Path) -> bool:
-    """Whether a file is a skeleton with no parameter but those that it states by itself; any other is the user's."""
+    """Whether a file is a skeleton exactly as it was written; any other is the user's."""
     try:
-        text = path.read_text()
-        table = toml_tables(text).get("parameters", {})
+        text = path.read_text(encoding="utf-8")
     except (OSError, ValueError):
         return False
-    return text.startswith(_BEGINS) and isinstance(table, dict) and table.keys() <= _BY_ITSELF
+    return text == _sealed(text.rpartition(_SEAL)[0])
 
 
 def fault_of(path: Path) -> str:
@@ -101,7 +104,7 @@ def rig_text(
     chosen = f'magnet = "{magnet}"' if stated.magnet else f'# magnet = "{magnet}"  # {PLEASE} {", ".join(MAGNETS)}'
     mass = f"mass = {stated.mass!r}" if stated.mass is not None else f"# mass = 0.1                 # {PLEASE} kg"
     lines = [
-        f"{_BEGINS} when its value is right, then name this file in campaign.toml. Below one",
+        "# A skeleton: take the # from a line when its value is right, then name this file in campaign.toml. Below one",
         "# magnet rather run maglev new again with --rig and --force: it states bias and gap in the channels.",
         f'schema = "{SCHEMA}"',
         'name = "mine"',
@@ -122,4 +125,4 @@ def rig_text(
         found = (f"{name} = {toml_value(value)}" for name, value in gains.items())
         lines += ["", "[gains]  # found in the recordings", *found]
     lines += ["", "[tolerance]  # relative 1-sigma uncertainty of what you know", "# mass = 0.005"]
-    return "\n".join(lines) + "\n"
+    return _sealed("\n".join(lines) + "\n")

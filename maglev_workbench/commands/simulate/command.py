@@ -58,7 +58,7 @@ def simulate(
     from maglev_env.design.defaults import with_defaults
     from maglev_env.loop.effect import parse_effects
     from maglev_env.loop.gains import with_gains
-    from maglev_env.recordings.campaign_writer import FORMATS, write_campaign
+    from maglev_env.recordings.campaign_writer import FORMATS, require_room, write_campaign
     from maglev_env.recordings.result_folder import locked
     from maglev_env.rig.rig_file import load_rig
     from maglev_workbench.commands.simulate.recordings import PROTOCOLS, Recorded, excited, record, summary
@@ -68,8 +68,9 @@ def simulate(
     require_choice(protocol, PROTOCOLS, "--protocol")
     require_choice(data_format, FORMATS, "--format")
     require_folder(out)
-    if (out / "campaign.toml").exists():
-        raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
+    page = out / "recordings.html"
+    if taken := [file for file in (out / "campaign.toml", page) if file.exists()]:
+        raise ValueError(f"{taken[0]} exists; choose another --out or delete the folder")
     asked = Recorded(tuple(excite), kind, fundamental, periods, sample_rate)
     loaded = with_defaults(excited(load_rig(rig), asked))
     own = {"kp": kp, "ki": ki, "kd": kd, "td": td, "ti": ti}
@@ -77,6 +78,7 @@ def simulate(
     if chosen and not loaded.controlled:
         raise ValueError(f"rig {loaded.name} has no magnets, so it has no gains")
     planned = PROTOCOLS[protocol](loaded, with_gains(loaded.gains, **chosen), parse_effects(effect), seed)
+    require_room(out, rig, [plan.name for plan in planned], data_format)
     recordings = []
     with progress_bar() as bar:
         for plan in bar.track(planned, description=f"simulate {loaded.name}"):
@@ -85,7 +87,6 @@ def simulate(
         toml = write_campaign(out, rig, {}, recordings, data_format)
     from maglev_workbench.record_page import record_page  # here because it takes long to import
 
-    page = out / "recordings.html"
     html = record_page(f"Simulated {loaded.name}", [(name, d) for name, _, d, _ in recordings])
     write_page(page, html, [toml, json_file])
     console.print(f"{len(recordings)} recording(s) of {loaded.name}\ncampaign  {toml}\npage      {page}")

@@ -22,7 +22,7 @@ from maglev_env.recordings.masking import clipped_samples
 from maglev_env.recordings.recording import read_recording, simulated_recording
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import with_parameters
-from maglev_env.rig.rig_file import load_rig
+from maglev_env.rig.rig_file import RIG_FOLDER, load_rig
 
 
 def short(name: str, **changes) -> Experiment:
@@ -124,6 +124,13 @@ def test_the_writer_refuses_what_the_reader_would(tmp_path, pedestal):
     before = (tmp_path / "campaign.toml").read_text()
     with pytest.raises(ValueError, match=r"campaign\.toml exists"):
         write_campaign(tmp_path, "pedestal", {}, one)
+    for taken, source in (("a.npz", "pedestal"), ("rig.toml", str(RIG_FOLDER / "pedestal.toml"))):
+        folder = tmp_path / Path(taken).stem
+        folder.mkdir()
+        (folder / taken).write_text("measured")
+        with pytest.raises(ValueError, match=f"{taken} exists and would be replaced"):
+            write_campaign(folder, source, {}, one)
+        assert [file.name for file in folder.iterdir()] == [taken] and (folder / taken).read_text() == "measured"
     for recordings, parameters, data_format, word in (
         ([], {}, "npz", "at least one recording"),
         ([("../a", "fit", dataset, experiment)], {}, "npz", "'../a'"),

@@ -125,6 +125,35 @@ def test_a_rig_that_is_filled_in_is_kept(foreign, tmp_path):
     assert (tmp_path / "rig.toml").read_text() == own
 
 
+def test_a_skeleton_that_was_filled_in_only_where_it_asks_is_kept(foreign, tmp_path):
+    """Mass and rate stand in a skeleton, too: values that the user wrote there are the user's."""
+    shutil.copy(foreign["npz"], tmp_path)
+    own = tmp_path / "rig.toml"
+    maglev("new", tmp_path, "--mass", "0.08")
+    filled = own.read_text().replace("mass = 0.08", "mass = 0.0583").replace('"mine"', '"lab ball"')
+    own.write_text(filled)
+    maglev("new", tmp_path, "--force")
+    assert own.read_text() == filled
+    # Even what is commented out may be a note.
+    own.unlink()
+    maglev("new", tmp_path, "--force")
+    noted = own.read_text().replace("# mass = 0.005", "# mass = 0.002")
+    own.write_text(noted)
+    maglev("new", tmp_path, "--force")
+    assert own.read_text() == noted
+
+
+def test_the_rig_of_the_folder_may_be_named(foreign, tmp_path):
+    """It is not replaced by itself, which would delete it."""
+    shutil.copy(foreign["npz"], tmp_path)
+    own = tmp_path / "rig.toml"
+    maglev("new", tmp_path, "--magnet", "none", "--mass", "0.08")
+    before = own.read_text()
+    maglev("new", tmp_path, "--rig", own, "--force")
+    assert own.read_text() == before
+    assert 'rig = "rig.toml"' in (tmp_path / "campaign.toml").read_text()
+
+
 @pytest.mark.parametrize("wrong", ["gap = 4e-4 m", "gapp = 4e-4"])
 def test_a_rig_with_a_mistake_is_kept_and_the_mistake_said(foreign, tmp_path, wrong):
     shutil.copy(foreign["npz"], tmp_path)

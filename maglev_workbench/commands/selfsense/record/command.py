@@ -31,7 +31,7 @@ def record(
     from importlib.metadata import version
 
     from maglev_env.loop.axes import suffixes
-    from maglev_env.recordings.campaign_writer import FORMATS, write_campaign
+    from maglev_env.recordings.campaign_writer import FORMATS, require_room, write_campaign
     from maglev_env.recordings.formats.json_data import plain
     from maglev_workbench.commands.selfsense.demodulate.study import check_motion
     from maglev_workbench.commands.selfsense.record.recording import Motion, recorded_coil
@@ -42,6 +42,7 @@ def record(
     require_folder(out)
     if (out / "campaign.toml").exists():
         raise ValueError(f"{out / 'campaign.toml'} exists; choose another --out or delete the folder")
+    require_room(out, rig, [NAME], data_format)
     loaded, sensor = load_sensor(rig)
     check_motion(sensor, frequency, amplitude)
     if not 0 <= duty_swing <= 0.5:
