@@ -170,6 +170,21 @@ def require_folder(path: Path, option: str = "--out") -> None:
         raise ValueError(f"{option} {path}: the folder {there} cannot be written to; choose another")
 
 
+def require_apart(path: Path | None, folder: Path, kept: Iterable[str]) -> None:
+    """Check, before any work, that --json names none of those files from which a folder of results goes on.
+
+    Args:
+        path: the file; None if the option was not given.
+        folder: the folder of results, which need not exist.
+        kept: names of those files.
+
+    Raises:
+        ValueError: It is one of them.
+    """
+    if path is not None and path.resolve() in {(folder / name).resolve() for name in kept}:
+        raise ValueError(f"--json {path} is a file of the results in {folder} from which they go on; name another")
+
+
 def friendly(command: Callable[..., None]) -> Callable[..., None]:
     """A command with --quiet and --verbose that ends bad input with one message and code 2, and Ctrl-C with 130.
 

@@ -155,6 +155,24 @@ def test_no_recording_is_written_over_a_file_of_its_name(here, arguments, file):
     assert Path("measured", file).read_text() == "mine" and len(list(Path("measured").iterdir())) == 1
 
 
+@pytest.mark.parametrize(
+    ("arguments", "file"),
+    [
+        (["sweep"], "sweep.json"),
+        (["sweep"], "sweep.nc"),
+        (["tune"], "study.json"),
+        (["tune", "--rig", "pump"], "journal.jsonl"),
+        (["compare", "rule"], "comparison.json"),
+        (["train"], "training.json"),
+    ],
+)
+def test_json_is_not_written_over_what_results_go_on_from(here, arguments, file):
+    Path("kept").mkdir()
+    Path("kept", file).write_text("{}")
+    text = maglev(*arguments, "--out", "kept", "--json", f"kept/../kept/{file}", code=2)
+    assert f"{file} is a file of the results in kept" in text and Path("kept", file).read_text() == "{}"
+
+
 @pytest.mark.parametrize("command", ["generate", "run"])
 def test_a_sealed_set_wants_an_empty_folder(here, command):
     text = maglev("blind", command, "--seed", 1, "--out", "good", code=2)

@@ -16,6 +16,7 @@ from maglev_workbench.options import (
     SeedOption,
     friendly,
     given,
+    require_apart,
     require_folder,
 )
 from tuning.methods import METHODS, STARTS, method_of
@@ -122,6 +123,7 @@ def compare(
     comparison.check_policy(task, chosen, own)
     folder, runs = out or Path(f"compare-{loaded.name}"), rigs * repeats
     require_folder(folder)
+    require_apart(json_file, folder, (comparison.SPEC, comparison.RIGS))
     with workers(scheduler) as spread, progress_bar() as bar:
         line = bar.add_task(
             "", total=comparison.SEARCH * rigs + sum(runs * comparison.budget_of(m, steps) for m in set(chosen))

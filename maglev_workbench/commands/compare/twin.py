@@ -14,11 +14,11 @@ from maglev_workbench.commands.compare.twin_report import (
     twin_tables,
 )
 from maglev_workbench.console import console, progress_bar, write_json
-from maglev_workbench.options import require_folder
+from maglev_workbench.options import require_apart, require_folder
 from maglev_workbench.page import write_page
 from sim2real.blind.cases import answers_digest, open_labels, seal_of
 from sim2real.blind.judging.worth import CORRECTED, NOMINAL, TWIN, twin_cases
-from tuning.comparison.twin import compare_simulators
+from tuning.comparison.twin import SPEC, compare_simulators
 
 
 def run(
@@ -40,6 +40,7 @@ def run(
     chosen, seal = twin_cases(folder, cases), seal_of(folder)
     results = out or folder / "worth"
     require_folder(results)
+    require_apart(json_file, results, (SPEC,))
     with progress_bar() as bar:
         line = bar.add_task("tune and score on the twin", total=len(chosen))
         try:

@@ -12,6 +12,7 @@ from maglev_workbench.options import (
     SchedulerOption,
     SeedOption,
     friendly,
+    require_apart,
     require_choice,
     require_folder,
 )
@@ -106,6 +107,7 @@ def train(
         check_training([world.task()], by, experiments, begun)
     folder = out or Path(f"train-{world.rig.name}")
     require_folder(folder)
+    require_apart(json_file, folder, (SPEC, POLICY))
     made_by = {
         "schema": SCHEMA, "version": code_version(), "by": by, "seed": seed,
         "world": plain(asdict(world)), "init": None if init is None else str(init),

@@ -19,6 +19,7 @@ from maglev_workbench.options import (
     friendly,
     given,
     is_rotor,
+    require_apart,
     require_choice,
     require_folder,
 )
@@ -132,9 +133,12 @@ def tune(
     from maglev_workbench.page import write_page
     from tuning.methods import LEARNED, digest_or_none, make_tuner, policy_of
     from tuning.study.recommendation import recommend
-    from tuning.study.study import JOURNAL, run_study
+    from tuning.study.study import JOURNAL, SPEC, run_study
 
     loaded, chosen = load_rig(rig), parse_effects(effect)
+    folder = out or Path(f"tune-{loaded.name}-{method}")
+    require_folder(folder)
+    require_apart(json_file, folder, (SPEC, JOURNAL))
     names, bounds = parse_tuned(tuned)
     task = make_task(
         loaded, names, bounds, effects=chosen, protocol=protocol, sensor=sensor, budget=budget, goal=goal,
@@ -144,8 +148,6 @@ def tune(
     episode = Episode(task.rig, task.target, start, seed)
     own = policy_of(policy)
     tuner = make_tuner(method, task, episode, seed, budget, own)
-    folder = out or Path(f"tune-{loaded.name}-{method}")
-    require_folder(folder)
     made_by = {
         "method": method, "seed": seed, "rig": plain(asdict(task.rig)), "effects": plain(chosen), "sensor": sensor,
         "tuned": list(task.box.names), "steps": budget if method == "grid" else None,

@@ -22,11 +22,11 @@ from maglev_workbench.commands.runup.study import report
 from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
 from maglev_workbench.commands.tune.rotor_report import check_lines, found_json, sections, terminal_table
 from maglev_workbench.console import console, progress_bar, write_json
-from maglev_workbench.options import require_folder
+from maglev_workbench.options import require_apart, require_folder
 from maglev_workbench.page import write_page
 from tuning.methods import METHODS, make_tuner
 from tuning.study.recommendation import recommend
-from tuning.study.study import run_study
+from tuning.study.study import JOURNAL, SPEC, run_study
 
 METHOD, BUDGET, BATCH = "nelder-mead", 400, 8
 ONE_AXIS = ("model", "rule", "learned")  # tuners that are made for one axis
@@ -76,6 +76,7 @@ def run(
     tuner = make_tuner(method, task, episode, seed, budget)
     folder = out or Path(f"tune-{task.name}-{method}")
     require_folder(folder)
+    require_apart(json_file, folder, (SPEC, JOURNAL))
     made_by = {
         "method": method, "seed": seed, "rotor": plain(asdict(task.rotor)), "speeds": ladder.tolist(),
         "tuned": list(task.box.names), "goal": task.layout.goal.text, "steps": budget if method == "grid" else None,
