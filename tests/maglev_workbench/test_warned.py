@@ -1,6 +1,7 @@
 """Every command that reads a campaign refuses what contradicts, and says what is doubtful in text and JSON."""
 
 import json
+import shutil
 
 import campaigns
 import numpy as np
@@ -35,6 +36,18 @@ def test_check_shows_every_contradiction_and_calls_nothing_good(wrong, tmp_path)
     assert text.count("ALARM") >= 2 and "yes" not in text.partition("good for")[2].partition("page")[0]
     data = json.loads((tmp_path / "c.json").read_text())
     assert {w["kind"] for w in data["warnings"]} >= {"contradiction"} and data["recordings"]
+
+
+def test_a_contradicted_recording_is_known_by_its_name_whatever_that_holds(wrong, tmp_path):
+    shutil.copytree(wrong, tmp_path / "c")
+    (tmp_path / "c" / "base.npz").rename(tmp_path / "c" / "run, first.npz")
+    toml = tmp_path / "c" / "campaign.toml"
+    toml.write_text(toml.read_text().replace("base.npz", "run, first.npz"))
+    maglev("check", tmp_path / "c", "--json", tmp_path / "c.json")
+    data = json.loads((tmp_path / "c.json").read_text())
+    assert {data["commands"][0][command]["usable"] for command in ("estimate", "diagnose")} == {"no"}
+    assert "usable" not in data["answer"].partition("ot usable")[0]
+    assert all(verdict.startswith("no") for verdict in data["recordings"][0]["can"].values())
 
 
 def test_an_effect_is_a_warning_that_names_diagnose(tmp_path):

@@ -39,6 +39,7 @@ def check(
     from maglev_env.rig.rig import axis_rig
     from maglev_workbench.commands.check.report import (
         aperiodic_table,
+        is_of,
         problem_data,
         quality_tables,
         said_once,
@@ -69,7 +70,7 @@ def check(
         dataset = read_recording(loaded, spec, alarmed=True)
         alarms = alarms_of(dataset)
         alarmed += bool(alarms)
-        refused = next((f.message for f in refusals(findings) if f.recording.partition(", ")[0] == spec.file), "")
+        refused = next((f.message for f in refusals(findings) if is_of(f.recording, spec.file)), "")
         used.append((spec.file, uses(loaded, spec, alarms, refused)))
         signals = recorded_signals(loaded, spec, dataset, excited=False)
         for axis in range(signals.axes):
@@ -79,15 +80,16 @@ def check(
                 said.append(f"{name}: nothing is excited along this axis")
                 continue
             rig = loaded.rig if loaded.rig is None or own.axis is None else axis_rig(loaded.rig, own.axis)
-            quality = spoiled(recording_quality(own, rig, alarms=alarms), name, warnings)
+            quality = spoiled(recording_quality(own, rig, alarms=alarms), (spec.file, name), warnings)
             found.append((name, quality))
             said += quality_tables(name, quality)
             said += [marked("  !", problem) for problem in quality.problems]
             warnings += [problem_data(name, problem) for problem in quality.problems]
         notes += [(spec.file, note) for note in signals.assumed]
         datasets.append((spec.file, dataset))
-    blocking = dict.fromkeys(f.recording.partition(", ")[0] for f in refusing(findings))
-    answer = check_answer(used, alarmed, list(blocking))
+    named = [f.recording for f in refusing(findings)]
+    blocking = [spec.file for spec in loaded.recordings if any(is_of(name, spec.file) for name in named)]
+    answer = check_answer(used, alarmed, blocking)
     console.print(answer, style="bold")
     shown(findings)
     console.print(uses_table(used))

@@ -7,6 +7,7 @@ from typing import Any
 from rich.table import Table
 
 from maglev_env.channels import CHANNELS
+from maglev_env.loop.axes import AXES
 from maglev_env.recordings.quality import ChannelQuality, Quality
 from maglev_env.units import prefixed
 from maglev_workbench.commands.check.uses import COMMANDS, Use
@@ -98,9 +99,20 @@ def said_once(notes: Sequence[tuple[str, str]], total: int) -> list[str]:
     ]
 
 
-def spoiled(q: Quality, name: str, warnings: Sequence[dict[str, Any]]) -> Quality:
-    """The quality of a recording that a warning contradicts: it is good for nothing until that is mended."""
-    own = [w for w in warnings if w["kind"] == "contradiction" and w["recording"] in (name, name.partition(", ")[0])]
+def is_of(recording: str, file: str) -> bool:
+    """Whether a finding is of a file, as a whole or along one axis; a file's name may itself hold a comma."""
+    return recording in (file, *(f"{file}, {axis}" for axis in AXES))
+
+
+def spoiled(q: Quality, names: Sequence[str], warnings: Sequence[dict[str, Any]]) -> Quality:
+    """The quality of a recording that a warning contradicts: it is good for nothing until that is mended.
+
+    Args:
+        q: of the recording along one axis.
+        names: of the file, and of the file along that axis.
+        warnings: of all recordings.
+    """
+    own = [w for w in warnings if w["kind"] == "contradiction" and w["recording"] in names]
     if not own or q.alarms:
         return q
     why = f"no: {own[0]['code']}, {own[0]['channel']}"
