@@ -170,9 +170,10 @@ def test_one_file_can_be_looked_at_without_a_campaign(campaign, tmp_path):
 def test_sweep_writes_table_page_dataset_and_json(tmp_path):
     out, js = tmp_path / "s", tmp_path / "s.json"
     text = maglev("sweep", "--kp", "7000:9000:2", "--kd", "5:6:2", "--out", out, "--json", js)
-    assert "4 gain sets" in text and (out / "sweep.nc").exists() and 2e5 < (out / "sweep.html").stat().st_size <= 1.6e6
+    assert "4 gain sets, 4 feasible" in text and (out / "sweep.nc").exists()
+    assert 2e5 < (out / "sweep.html").stat().st_size <= 1.6e6
     data = json.loads(js.read_text())
-    assert data["schema"] == "maglev-sweep/1" and data["n"] == 4 and data["stable"] == 4
+    assert data["schema"] == "maglev-sweep/1" and data["n"] == data["stable"] == data["feasible"] == 4
     assert {"gains", "score", "terms"} <= data["best"].keys() and data["experiments_per_second"] > 0
     again = maglev("sweep", "--kp", "7000:9000:2", "--kd", "5:6:2", "--out", out)
     assert "4 reused" in again

@@ -29,6 +29,18 @@ def test_a_set_stands_to_its_goal_in_words_bars_and_json():
     assert bars.data[0].x[0] == pytest.approx(1.1) and bars.data[0].x[2] == pytest.approx(0.4)
 
 
+@pytest.mark.slow
+def test_a_goal_may_have_no_limit(tmp_path):
+    """Only `best ..`: there are no bars of limits, and nothing to meet."""
+    goal = ("--goal", "best compliance near 2e-5")
+    text = maglev("sweep", "--kp", 8000, "--kd", "5:6:2", *goal, "--out", tmp_path / "s")
+    page = (tmp_path / "s" / "sweep.html").read_text()
+    assert "as good as possible" in text and "as good as possible" in page and "Requirements of" not in page
+    tune = ("tune", "--budget", 1, "--method", "sobol", "--protocol", "quick", "--out", tmp_path / "t")
+    maglev(*tune, *goal)
+    assert "Worst compliance against noise current" in (tmp_path / "t" / "tune.html").read_text()
+
+
 def test_the_front_is_that_of_every_pair_compared():
     rng = np.random.default_rng(3)
     values = {"compliance": rng.integers(1, 30, 200) * 1e-6, "noise_current": rng.integers(1, 30, 200) * 1e-3}

@@ -17,6 +17,7 @@ from maglev_workbench.options import (
     SensorOption,
     ThreadsOption,
     friendly,
+    require_apart,
     require_choice,
     require_folder,
 )
@@ -70,7 +71,7 @@ def sweep(
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig_file import load_rig
     from tuning.sweep import Sweep, default_axes
-    from tuning.sweep_run import run_sweep
+    from tuning.sweep_run import SPEC, run_sweep
 
     loaded = load_rig(rig)
     if not loaded.controlled:
@@ -82,6 +83,7 @@ def sweep(
     plan = Sweep(loaded, axes, log, sobol, parse_effects(effect), seed, sensor, device)
     folder = out or Path(f"sweep-{loaded.name}")
     require_folder(folder)
+    require_apart(json_file, folder, (SPEC, "sweep.nc"))
     require_device(device, sensor)
     # What is asked for is right: now the imports that take longer.
     from maglev_lanes.schedule import workers
@@ -114,7 +116,7 @@ def sweep(
         console.print(part)
     rate = summary["experiments_per_second"]
     console.print(
-        f"{summary['n']} gain sets, {summary['stable']} stable; {seconds:.1f} s"
+        f"{summary['n']} gain sets, {summary['feasible']} feasible; {seconds:.1f} s"
         + (f", {rate:.0f} experiments/s" if rate else "")
         + (f", {reused} reused from {folder}" if reused else "")
     )

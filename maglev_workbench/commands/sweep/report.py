@@ -112,7 +112,8 @@ def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[st
         "schema": "maglev-sweep/1",
         "version": version("maglev-workbench"),
         "n": n,
-        "stable": int(dataset["feasible"].sum()),
+        "stable": int((dataset["pole_radius"] < 1).sum()),
+        "feasible": int(dataset["feasible"].sum()),
         "best": {n: v for n, v in rows[0].items() if not n.startswith(PREFIX)} if rows else None,
         **of_goal,
         "seconds": float(seconds),
@@ -140,6 +141,7 @@ def sweep_page(dataset: "xr.Dataset") -> str:
         sections.append(("", note("± and [ ] are 95 % intervals; – : not within the excited lines." + where)))
         if goal:
             sections += _goal_sections(dataset, goal, rows)
+        if goal and goal.requirements:
             summary += f" It {missed_in_words(goal, rows[0])}."
         sections += over_gains(drawn := _drawn(dataset))
         if drawn is not dataset:
@@ -195,9 +197,10 @@ def _goal_sections(
     hover = gains_in_words(dataset)
     best = int(np.flatnonzero(dataset["experiment"].values == rows[0]["experiment"])[0])
     first, second = (r.quantity.words for r in pair_of(goal))
+    bars = [("Requirements of the best three", requirement_bars(goal, sets))] if goal.requirements else []
     return [
-        ("Requirements of the best three", requirement_bars(goal, sets)),
-        ("", table(HEAD, requirement_rows(goal, rows[0]))),
+        *bars,
+        ("" if bars else "The best set and its goal", table(HEAD, requirement_rows(goal, rows[0]))),
         (
             f"{first} against {second}".capitalize(),
             front_figure(goal, values, feasible, best, hover),

@@ -224,7 +224,7 @@ def _goal_sections(
     hover = [f"{i + 1}: {gains_in_words(task, point)}" for i, point in enumerate(t.points)]
     first, second = (r.quantity.words for r in goal_page.pair_of(goal))
     sections: list[tuple[str, str | Figure]] = []
-    if sets:
+    if sets and goal.requirements:
         sections.append(("Requirements", goal_page.requirement_bars(goal, sets)))
         text = "Lines: 95 %; of the recommended gains over noise and rigs within tolerance."
         sections.append(("", note(text + f" Start: {gains_in_words(task, t.points[0])}." * bool(feasible[0]))))

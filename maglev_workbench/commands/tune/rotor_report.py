@@ -8,6 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from maglev_env.evaluation.goal_score import in_words, misses
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.rotor.linear import sensitivity
 from maglev_env.rotor.loop_quantities import TOGETHER, Found
@@ -147,7 +148,7 @@ def over_speeds(goal: Goal, found: Sequence[Mapping[str, Found]]) -> "Figure":
 
 
 def found_json(found: Mapping[str, Found]) -> dict[str, Any]:
-    """Every quantity in SI at every speed (rpm) and place."""
-    return {
-        name: {"speeds": one.speeds, "places": one.places, "values": one.values.tolist()} for name, one in found.items()
-    }
+    """Every quantity in SI at every speed (rpm) and place; None where it has no value or no bound."""
+    return plain(
+        {name: {"speeds": one.speeds, "places": one.places, "values": one.values} for name, one in found.items()}
+    )

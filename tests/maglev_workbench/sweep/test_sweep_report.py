@@ -93,8 +93,9 @@ def test_summary_counts_only_what_was_computed_now():
     data = dataset(GRID, HALF)
     summary = sweep_summary(data, seconds=2.0, reused=14)
     json.dumps(summary, allow_nan=False)
-    assert set(summary) == {"schema", "version", "n", "stable", "best", "seconds", "experiments_per_second", "reused"}
-    assert (summary["schema"], summary["n"], summary["stable"]) == ("maglev-sweep/1", 24, sum(HALF))
+    assert set(summary) == {"schema", "version", "n", "stable", "feasible", "best", "seconds",
+                            "experiments_per_second", "reused"}  # fmt: skip
+    assert (summary["schema"], summary["n"], summary["feasible"]) == ("maglev-sweep/1", 24, sum(HALF))
     assert summary["experiments_per_second"] == 5.0
     assert summary["best"]["score"] == pytest.approx(0.8)
     best = summary["best"]
@@ -194,6 +195,24 @@ def test_page_escapes_plain_text_and_is_written_whole(tmp_path):
     write_page(tmp_path / "a.html", html)
     assert [f.name for f in tmp_path.iterdir()] == ["a.html"]
     assert (tmp_path / "a.html").read_text() == html
+
+
+def test_a_goal_without_limits_has_a_page_without_bars():
+    data = dataset(GRID, HALF)
+    rig = {**json.loads(data.attrs["rig"]), "target": {"goal": "best compliance near 2e-5"}}
+    known = {"required_compliance": ("experiment", np.full(len(GRID), 1.9e-5)),
+             "required_noise_current": ("experiment", np.full(len(GRID), 0.02))}  # fmt: skip
+    data = data.assign_attrs(rig=json.dumps(rig)).assign(known)
+    html = sweep_page(data)
+    assert "The best set and its goal" in html and "as good as possible" in html
+    assert "Requirements of" not in html and "requirement." not in html
+
+
+def test_a_loop_that_touches_down_is_stable_and_not_feasible():
+    data = dataset(GRID, HALF)
+    data["pole_radius"] = ("experiment", np.full(len(GRID), 0.99))
+    summary = sweep_summary(data, 1.0, 0)
+    assert (summary["stable"], summary["feasible"]) == (len(GRID), sum(HALF))
 
 
 def test_gains_of_filters_are_shown_where_they_differ():

@@ -13,7 +13,7 @@ from maglev_env.rotor.loop_quantities import PLANES, TOGETHER, Found
 from maglev_env.rotor.requirements import rotor_goal
 from maglev_env.rotor.rotor import load_rotor
 from maglev_workbench.commands.tune import rotor as rotor_command
-from maglev_workbench.commands.tune.rotor_report import check_rows, place_rows, speed_rows
+from maglev_workbench.commands.tune.rotor_report import check_rows, found_json, place_rows, speed_rows
 
 run = partial(maglev, "tune", "--rig", "pump")
 GOAL = "peak_sensitivity <= 3, phase_margin >= 20, best noise_current near 0.02"
@@ -104,6 +104,12 @@ def test_tables_name_the_worst_mode_or_plane_and_what_is_missed():
     assert [row[1] for row in rows] == [*PLANES, TOGETHER, *PLANES, *PLANES]
     assert [row[4] for row in rows] == ["met", "met", "missed", "met", "missed", "", ""]
     assert rows[2][2:4] == ["2.10", "6000"]
+
+
+def test_a_value_without_a_bound_is_none_in_json():
+    found = {"compliance": Found((0.0, 6000.0), PLANES, np.array([[np.inf, 1e-5], [np.nan, 2e-5]]))}
+    data = json.loads(json.dumps(found_json(found), allow_nan=False))
+    assert data == {"compliance": {"speeds": [0, 6000], "places": list(PLANES), "values": [[None, 1e-5], [None, 2e-5]]}}
 
 
 @pytest.mark.slow
