@@ -234,7 +234,8 @@ def write_joined(run: Joined, folder: Path) -> Path:
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(run.columns)  # what a file calls its columns may hold commas and quotes
-    writer.writerows([f"{v:.10g}" for v in row] for row in np.column_stack(list(run.columns.values())))
+    # Every digit: a clock that counts from 1970 needs more than ten before its rate shows.
+    writer.writerows(np.column_stack(list(run.columns.values())).tolist())
     text = table.getvalue()
     if path.exists() and path.read_text() != text:
         raise ValueError(f"{path} exists and holds something else; move it away, or choose another --out")

@@ -36,6 +36,18 @@ def test_files_of_one_run_are_joined_at_the_slower_rate_and_said(tmp_path):
     assert "check" in maglev("check", tmp_path)
 
 
+def test_a_joined_clock_that_counts_from_1970_keeps_its_rate(tmp_path):
+    t = 1.7e9 + np.arange(2000) / 1000.0
+    for name, column in (("laser_mm", 4 + 0.1 * np.sin(20 * t)), ("current_A", 1.2 + 0.1 * np.cos(20 * t))):
+        head = f"time_s,{name}"
+        np.savetxt(tmp_path / f"run1_{name[:5]}.csv", np.c_[t, column], "%.6f", ",", header=head, comments="")
+    maglev("new", tmp_path)
+    joined = read_columns(tmp_path / "run1_joined.csv")
+    np.testing.assert_array_equal(joined.column("time [s]"), np.round(t, 6))
+    (recording,) = tomllib.loads((tmp_path / "campaign.toml").read_text())["recording"]
+    assert recording["sample_rate"] == 1000.0
+
+
 def test_clocks_that_do_not_overlap_are_not_joined(tmp_path):
     instruments(tmp_path, "run1", 1000.0, 1000.0, offset=100.0)
     output = maglev("new", tmp_path)
