@@ -6,15 +6,26 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.text import Text
 
 from maglev_env.recordings.files import write_text_atomic
 from maglev_workbench.heartbeat import stages
+from maglev_workbench.printable import printable
+
+
+class _Printable(Console):
+    """A console that shows names and messages of other people's files, and obeys nothing in them."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
 
 # Messages hold brackets and colons, as in maglev-workbench[bench] and 1:100:2: no markup, and no pictures for words.
-console = Console(markup=False, emoji=False)
+console = _Printable(markup=False, emoji=False)
 
 
 def marked(mark: str, text: str, style: str = "yellow") -> Text:
@@ -34,7 +45,7 @@ def progress_bar() -> Iterator[Progress]:
 
     If that is not a terminal it shows nothing, and the command says how far it is from time to time.
     """
-    error = Console(stderr=True)
+    error = _Printable(stderr=True)
     bar = Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from threading import Event, Thread
 from time import monotonic
 
+from maglev_workbench.printable import printable
+
 EVERY = 30.0  # s
 stages: list[Callable[[], str]] = []  # what is being done, and how far; that of the latest progress bar is said
 
@@ -19,7 +21,8 @@ def heartbeat(command: str) -> Iterator[None]:
         while not done.wait(EVERY):
             if not (stages and sys.stderr.isatty()):  # there the progress bar is seen
                 doing = f": {stages[-1]()}" if stages else ""
-                print(f"maglev {command}{doing}, {monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+                said = printable(f"maglev {command}{doing}, {monotonic() - started:.0f} s")
+                print(said, file=sys.stderr, flush=True)
 
     thread = Thread(target=beat, daemon=True)
     thread.start()

@@ -14,12 +14,13 @@ from importlib.util import find_spec
 from inspect import Parameter, signature
 from pathlib import Path
 from time import monotonic
-from traceback import print_exc
+from traceback import format_exc
 from typing import Annotated, Any
 
 import typer
 
 from maglev_workbench.heartbeat import heartbeat
+from maglev_workbench.printable import printable
 
 # A preset is a file. Its folder is found without importing the simulator, which would delay --help.
 _PACKAGE = Path(find_spec("maglev_env").submodule_search_locations[0])
@@ -208,7 +209,7 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
             if isinstance(error, ModuleNotFoundError) and error.name not in _EXTRAS:
                 raise
             if verbose:
-                print_exc()
+                typer.echo(printable(format_exc()), err=True, nl=False)
             _say(_said(error), typer.colors.RED)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:
@@ -242,7 +243,7 @@ def _silent(quiet: bool) -> Iterator[None]:
 
 def _say(text: str, colour: str | None = None) -> None:
     """A line on standard error, without colour where the environment variable NO_COLOR is set (no-color.org)."""
-    line = f"maglev: {text}"
+    line = f"maglev: {printable(text)}"
     typer.echo(line if colour is None or os.environ.get("NO_COLOR") else typer.style(line, fg=colour), err=True)
 
 

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Iterator, Sequence
-from html import escape
+from html import escape, unescape
 from pathlib import Path
 from urllib.parse import quote
 
@@ -28,10 +28,11 @@ def with_data(html: str, page: Path, data: Sequence[Path]) -> str:
 def link_pages(page: Path) -> None:
     """Write the links to each other into a page and those that lie with it.
 
-    The pages of a campaign lie in its folder and the folders in that; other pages lie together in one folder.
+    The pages of a campaign lie in its folder and the folders in that; other pages lie together in one folder. One that
+    is damaged, or that cannot be written, stays as it is.
 
     Raises:
-        OSError: A page cannot be written.
+        OSError: The page itself cannot be written.
     """
     titles = {one: title for one in _beside(page) if (title := _title(one))}
     if len(titles) < 2:
@@ -41,11 +42,15 @@ def link_pages(page: Path) -> None:
             f"<b>{name}</b>" if one == own else f'<a href="{_address(one, own)}">{name}</a>'
             for one, name in titles.items()
         )
-        html = own.read_text(encoding="utf-8")
-        before, rest = html.split(_START, 1)
-        linked = f"{before}{_START}{links}{rest[rest.index('</span>') :]}"
-        if linked != html:
-            write_text_atomic(own, linked)
+        try:
+            html = own.read_text(encoding="utf-8")
+            before, rest = html.split(_START, 1)
+            linked = f"{before}{_START}{links}{rest[rest.index('</span>') :]}"
+            if linked != html:
+                write_text_atomic(own, linked)
+        except (OSError, ValueError):
+            if own == page.resolve():
+                raise
 
 
 def _beside(page: Path) -> Iterator[Path]:
@@ -64,7 +69,8 @@ def _title(page: Path) -> str:
     except (OSError, UnicodeDecodeError):
         return ""
     found = _TITLE.search(head)
-    return found.group(1) if found and GENERATOR in head and _START in head else ""
+    # Read as text and escaped again: whoever wrote the file may not have done so.
+    return escape(unescape(found.group(1))) if found and GENERATOR in head and _START in head else ""
 
 
 def _address(file: Path, page: Path) -> str:

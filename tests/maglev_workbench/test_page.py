@@ -106,6 +106,26 @@ def test_pages_of_a_campaign_name_each_other_and_their_data(tmp_path):
     assert (tmp_path / "check.html").read_text() == first
 
 
+def test_the_title_of_a_page_from_elsewhere_is_text(tmp_path):
+    evil = a_page("x", figures=0).replace("<title>x<", "<title><img src=x onerror=alert(1)><")
+    (tmp_path / "evil.html").write_text(evil)
+    write_page(tmp_path / "mine.html", a_page('Mine & "yours"', figures=0))
+    mine = (tmp_path / "mine.html").read_text()
+    assert "<img" not in mine and "&lt;img src=x onerror=alert(1)&gt;</a>" in mine
+    assert "<b>Mine &amp; &quot;yours&quot;</b>" in mine
+
+
+def test_a_damaged_page_beside_stays_as_it_is(tmp_path):
+    whole = a_page("Whole", figures=0).replace("The answer.", "µ" * 40_000).encode()
+    damaged = {"cut.html": whole[: whole.index(b"</span>")], "half.html": whole[: whole.index("µ".encode()) + 70_001]}
+    for name, content in damaged.items():
+        (tmp_path / name).write_bytes(content)
+    write_page(tmp_path / "mine.html", a_page("Mine", figures=0))
+    write_page(tmp_path / "other.html", a_page("Other", figures=0))
+    assert {name: (tmp_path / name).read_bytes() for name in damaged} == damaged
+    assert '<a href="other.html">Other</a>' in (tmp_path / "mine.html").read_text()
+
+
 def test_pages_of_other_folders_stay_apart(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()

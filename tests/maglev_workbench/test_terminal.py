@@ -4,9 +4,13 @@ import json
 import os
 import subprocess
 import sys
+from io import StringIO
 
 import pytest
 from command_line import CAMPAIGN, maglev
+from rich.control import Control
+from rich.table import Table
+from rich.text import Text
 from typer.testing import CliRunner
 
 from maglev_env.loop.effect import EFFECTS
@@ -54,6 +58,29 @@ def test_brackets_and_colons_are_printed_as_they_are(capsys):
     of_commands.console.print(text, soft_wrap=True)
     of_commands.console.print(of_commands.marked("  !", text), soft_wrap=True)
     assert capsys.readouterr().out == f"{text}\n  ! {text}\n"
+
+
+def test_a_terminal_obeys_nothing_that_stands_in_a_file(tmp_path, capsys):
+    evil = "run\x1b]0;OWNED\x07\x1b[2J\x9b2J\r.npz"
+    table = Table(evil)
+    table.add_row(evil)
+    for part in (evil, of_commands.marked("  !", evil), table):
+        of_commands.console.print(part)
+    shown = capsys.readouterr().out
+    toml = CAMPAIGN.replace('"a.csv"', json.dumps(evil))
+    (tmp_path / "campaign.toml").write_text(toml)
+    said = CliRunner().invoke(app, ["check", str(tmp_path), "-v"])
+    assert said.exit_code == 2
+    for text in (shown, said.output):
+        assert "OWNED" in text and not set("\x1b\x07\x9b\r") & set(text)
+
+
+def test_what_rich_draws_itself_still_reaches_a_terminal():
+    drawn = StringIO()
+    own = type(of_commands.console)(file=drawn, force_terminal=True, color_system="standard", markup=False)
+    own.print(Text("red\ttab\nline", "red"))
+    own.control(Control.clear())
+    assert drawn.getvalue().startswith("\x1b[31mred") and drawn.getvalue().endswith("\x1b[2J")
 
 
 def test_effects_fit_80_columns_and_are_data_too(tmp_path):
