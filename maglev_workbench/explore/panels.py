@@ -1,5 +1,7 @@
 """The panels of the page as data: what stands on their axes, and the traces of every layer of curves."""
 
+import csv
+import io
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -168,12 +170,13 @@ def csv_text(curves: Mapping[str, Mapping[str, Curve]], units: UnitSystem) -> st
         curves: by layer ("model", "identified", "measured"), then by panel.
         units: of the table.
     """
-    lines = ["layer,curve,x,x_unit,y,y_unit,low,high"]
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")  # a layer may be called "run1.npz, x"
+    writer.writerow(("layer", "curve", "x", "x_unit", "y", "y_unit", "low", "high"))
     for layer, panels in curves.items():
         for name, curve in panels.items():
             (xf, xu), (yf, yu) = shown(PANELS[name].x[1], units), shown(PANELS[name].y[1], units)
             for i, x in enumerate(curve["x"]):
                 ends = [f"{curve[end][i] * yf:.9g}" if end in curve else "" for end in ("low", "high")]
-                row = (layer, name, f"{x * xf:.9g}", xu, f"{curve['y'][i] * yf:.9g}", yu, *ends)
-                lines.append(",".join(row))
-    return "\n".join(lines) + "\n"
+                writer.writerow((layer, name, f"{x * xf:.9g}", xu, f"{curve['y'][i] * yf:.9g}", yu, *ends))
+    return table.getvalue()

@@ -1,15 +1,22 @@
 """The gain sets of a sweep as a map on the page."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from maglev_env.loop.gains import Controllers, gain_values, of_axis
+from maglev_env.rig.rig import Rig
+
 MOST = 20_000  # gain sets; more would make the page slow
+_INDICES = ("experiment", "band", "band_low", "band_high")  # coordinates that are no gains
 QUANTITIES = {"score": "", "peak_sensitivity": "", "stiffness": "N/m", "damping": "N s/m"}  # with SI units
 AXES = ("kp", "kd", "ki")  # in the order in which they are chosen for x and y
+# What a rig states beside itself: the page has its own gains, goal and ranges.
+_BESIDE = ("gains", "bounds", "protocol", "target", "tolerance", "randomization", "effects")
 
 
 @dataclass(frozen=True)
@@ -35,15 +42,18 @@ class SweepMap:
         return {name: values[index] for name, values in self.gains.items()}
 
 
-def read_sweep(path: Path, rig_name: str) -> SweepMap:
+def read_sweep(path: Path, rigs: Sequence[Rig], controllers: Controllers) -> SweepMap:
     """The map of a sweep's folder or its sweep.nc.
 
+    Args:
+        path: of the folder or file.
+        rigs: with their defaults: that of the page, and the one before its diagnosis; the sweep is of one of them.
+        controllers: of the page, whose gains are those of the sweep.
+
     Raises:
-        ValueError: It is no sweep, one of another rig, of fewer than two gains, or too large.
+        ValueError: It is no sweep, one of another rig, controller or sensor, of fewer than two gains, or too large.
         FileNotFoundError: It does not exist.
     """
-    import json
-
     import xarray as xr
 
     file = path / "sweep.nc" if path.is_dir() else path
@@ -51,22 +61,44 @@ def read_sweep(path: Path, rig_name: str) -> SweepMap:
         raise FileNotFoundError(f"--sweep {path}: there is no {file}; make it with maglev sweep --out {path}")
     try:
         dataset = xr.load_dataset(file)
-        swept_rig = json.loads(dataset.attrs["rig"])["name"]
+        swept_rig = json.loads(dataset.attrs["rig"])
+        name, effects = swept_rig["name"], json.loads(dataset.attrs.get("effects", "{}"))
     except (OSError, ValueError, KeyError):
         raise ValueError(f"--sweep {path}: {file} is not the sweep.nc of maglev sweep") from None
-    if swept_rig != rig_name:
-        raise ValueError(f"--sweep {path}: it swept {swept_rig}, and the page is about {rig_name}; name the same rig")
+    differing = [_differing(rig, swept_rig, effects) for rig in rigs]
+    if all(differing):
+        other = "" if "name" in differing[0] else f" with another {differing[0][0].replace('_', ' ')}"
+        raise ValueError(
+            f"--sweep {path}: it swept {name}{other}, and the page is about {rigs[0].name}; "
+            "name the same rig, and sweep it as it is"
+        )
+    if (sensor := dataset.attrs.get("sensor", "probe")) != "probe":
+        raise ValueError(f"--sweep {path}: it was read by {sensor}, and the page by the probe; sweep without --sensor")
+    known = gain_values(of_axis(controllers, 0))
+    if other := sorted({str(name) for name in dataset.coords} - {*_INDICES} ^ known.keys()):
+        raise ValueError(
+            f"--sweep {path}: it swept another controller than the page has ({', '.join(other)} stand in one of them "
+            "only); sweep the rig without --controller, or state it in the rig's file"
+        )
     sets = dataset.sizes["experiment"]
-    swept = [name for name in AXES if np.unique(dataset[name].values).size > 1]
+    swept = [name for name in AXES if name in known and np.unique(dataset[name].values).size > 1]
     if len(swept) < 2:
         raise ValueError(f"--sweep {path}: {len(swept)} gain was swept; a map needs two of {', '.join(AXES)}")
     if sets > MOST:
         raise ValueError(f"--sweep {path}: {sets} gain sets; a map has at most {MOST}")
     feasible = dataset["feasible"].values.astype(bool)
     best = int(np.where(feasible, dataset["score"].values, -np.inf).argmax()) if feasible.any() else None
-    gains = {str(name): dataset[name].values.tolist() for name in (*AXES, "td", "ti") if name in dataset.coords}
+    gains = {str(name): dataset[name].values.tolist() for name in known}
     values = {name: _known(dataset[name].values, feasible) for name in QUANTITIES}
     return SweepMap(swept[0], swept[1], dataset.attrs.get("log") == "true", gains, values, best)
+
+
+def _differing(rig: Rig, swept: Mapping[str, Any], effects: Mapping[str, Any]) -> list[str]:
+    """What the stored rig of a sweep states otherwise, its name first, and then its effects."""
+    own = json.loads(json.dumps(asdict(rig)))
+    keys = [key for key in own if key in swept and key not in _BESIDE]
+    found = [key for key in keys if own[key] != swept[key]]
+    return found + ["set of effects"] * (own["effects"] != {**swept.get("effects", {}), **effects})
 
 
 def _known(values: np.ndarray, feasible: np.ndarray) -> list[Any]:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import with_goal
-from maglev_env.loop.gains import with_gains
+from maglev_env.loop.gains import Controllers, with_gains
 from maglev_env.recordings.campaign import Campaign
 from maglev_workbench.commands.estimate.recordings import identify_campaign
 from maglev_workbench.commands.explore.asked import Asked
 from maglev_workbench.console import progress_bar
 from maglev_workbench.explore.server import Explored, Measured
-from maglev_workbench.explore.sweep_map import read_sweep
+from maglev_workbench.explore.sweep_map import SweepMap, read_sweep
 from maglev_workbench.warned import warned
 
 
@@ -29,19 +29,24 @@ def explored(asked: Asked, goal: str | None = None, sweep: Path | None = None) -
         OSError: A file cannot be read.
     """
     rig = with_goal(with_defaults(asked.rig), goal)
-    nominal = asked.campaign.rig if asked.campaign and asked.campaign.rig else rig
-    swept = read_sweep(sweep, nominal.name) if sweep else None
-    best = swept.gains_of(swept.best) if swept and swept.best is not None else {}
+    nominal = with_defaults(asked.campaign.rig) if asked.campaign and asked.campaign.rig else rig
     assert rig.gains is not None  # filled in
+
+    def begun(controllers: Controllers) -> tuple[Controllers, SweepMap | None]:
+        swept = read_sweep(sweep, (rig, nominal), controllers) if sweep else None
+        best = swept.gains_of(swept.best) if swept and swept.best is not None else {}
+        return with_gains(controllers, **best), swept
+
     if asked.campaign is None:
-        return Explored(rig, with_gains(rig.gains, **best), asked.source, rig.name, swept=swept)
+        controllers, swept = begun(rig.gains)
+        return Explored(rig, controllers, asked.source, rig.name, swept=swept)
     driven = tuple(r for r in asked.campaign.recordings if any(e.kind != "none" for e in r.excitations))
     campaign = replace(asked.campaign, recordings=driven)
     warned(campaign)
-    first = next((r.gains for r in driven if r.gains is not None), rig.gains)
+    controllers, swept = begun(next((r.gains for r in driven if r.gains is not None), rig.gains))
     title = f"{rig.name}, campaign {campaign.folder.resolve().name}"
     diagnosed = rig.effects if asked.diagnosed else {}
-    return Explored(rig, with_gains(first, **best), asked.source, title, _measured(campaign), swept, diagnosed)
+    return Explored(rig, controllers, asked.source, title, _measured(campaign), swept, diagnosed)
 
 
 def _measured(campaign: Campaign) -> tuple[Measured, ...]:

@@ -1,9 +1,11 @@
 """The goal's bars, the large-signal test, the map of a sweep and the rig of a diagnosis, without a browser."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import with_goal
@@ -73,7 +75,7 @@ def test_a_goal_of_ones_own_is_judged_on_the_rig_alone_and_names_its_panels():
 
 
 def test_a_sweep_is_read_and_says_where_it_begins(swept):
-    found = read_sweep(swept, "hmb_free")
+    found = read_sweep(swept, [RIG], RIG.gains)
     assert (found.x, found.y, found.log) == ("kp", "kd", False)
     assert found.gains_of(found.best) == {"kp": 8e3, "kd": 6.0, "ki": 2e3, "td": 1e-4, "ti": 0.0318}
     assert found.values["score"][0] is None and found.values["stiffness"][1] == 35e3
@@ -85,13 +87,46 @@ def test_a_sweep_is_read_and_says_where_it_begins(swept):
 )
 def test_a_sweep_that_does_not_fit_is_refused(swept, name, rig, error, words):
     with pytest.raises(error, match=words):
-        read_sweep(swept / name if name else swept, rig)
+        read_sweep(swept / name if name else swept, [with_defaults(load_rig(rig))], RIG.gains)
+
+
+def stored(folder, swept, gains=(), **attributes):
+    """The sweep with other attributes, and more gains."""
+    data = xr.load_dataset(swept / "sweep.nc").assign_attrs(attributes)
+    constant = {name: ("experiment", np.full(data.sizes["experiment"], value)) for name, value in gains}
+    data.assign_coords(constant).to_netcdf(folder / "sweep.nc", engine="h5netcdf")
+    return folder
+
+
+def as_stored(rig):
+    return json.dumps(asdict(rig))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rig": as_stored(replace(RIG, mass=0.9))}, "swept hmb_free with another mass"),
+        ({"effects": '{"delay": {"time": 1e-4}}'}, "with another set of effects"),
+        ({"sensor": "self_sensing"}, "read by self_sensing"),
+        ({"gains": [("notch_frequency", 650.0)]}, r"another controller than the page has \(notch_frequency"),
+    ],
+)
+def test_a_sweep_of_another_rig_of_the_same_name_is_refused(swept, tmp_path, changes, words):
+    with pytest.raises(ValueError, match=words):
+        read_sweep(stored(tmp_path, swept, **changes), [RIG], RIG.gains)
+
+
+def test_a_sweep_is_of_the_page_or_of_the_rig_before_its_diagnosis(swept, tmp_path):
+    diagnosed = replace(RIG, mass=0.9, effects={"delay": {"time": 1e-4}})
+    for rig in (RIG, diagnosed):
+        stored(tmp_path, swept, rig=as_stored(rig), effects="{}", sensor="probe")
+        assert read_sweep(tmp_path, [diagnosed, RIG], RIG.gains).best == 19
 
 
 def test_another_file_is_no_sweep(tmp_path):
     (tmp_path / "sweep.nc").write_text("not a sweep")
     with pytest.raises(ValueError, match=r"is not the sweep\.nc"):
-        read_sweep(tmp_path, "hmb_free")
+        read_sweep(tmp_path, [RIG], RIG.gains)
 
 
 def test_a_campaign_with_a_diagnosis_is_explored_with_what_was_found(tmp_path):

@@ -1,5 +1,6 @@
 """What the page says of a loop, against python-control, against identified experiments, and against itself as text."""
 
+import csv
 import shlex
 import tomllib
 from dataclasses import asdict, replace
@@ -150,6 +151,12 @@ def test_units_change_sentences_and_table_alike():
         rows[units] = next(line.split(",") for line in lines if line.startswith("model,stiffness"))
     assert rows["bench"][5] == "N/mm" and rows["files"][5] == "N/m"
     assert float(rows["files"][4]) == pytest.approx(1e3 * float(rows["bench"][4]))
+
+
+def test_a_layer_with_a_comma_in_its_name_stays_in_its_column():
+    layers = {"run1.npz, x": {"gain": {"x": np.array([1.0]), "y": np.array([2.0])}}}
+    _, row = csv.reader(csv_text(layers, "files").splitlines())
+    assert row == ["run1.npz, x", "gain", "1", "Hz", "2", "", "", ""]
 
 
 def test_what_is_copied_repeats_the_experiment(tmp_path, monkeypatch, capsys):
