@@ -52,6 +52,22 @@ def test_a_page_keeps_the_part_that_is_not_counted_again():
     assert coverage_markdown(dict.fromkeys(APERIODIC, (row,)), 2, 1, both) == both
 
 
+def test_a_page_keeps_the_conditions_that_are_not_counted_again():
+    old, new = (counted("k", [interval(0.9, high, 1.0)] * 3) for high in (1.1, 1.3))
+    whole = coverage_markdown(dict.fromkeys(APERIODIC, (old, old)), 2, 1)
+    first, second, *_ = APERIODIC
+    page = coverage_markdown({second: (new, new)}, 20, 5, whole)
+    for command in ("unrepeated --draws 2 --seed 1", f"{second} --draws 20 --seed 5"):
+        assert f"Made by `maglev coverage {command}" in page
+    rows, before = ([line for line in text.splitlines() if line.startswith("|")] for text in (page, whole))
+    assert [i for i, (one, two) in enumerate(zip(rows, before, strict=True)) if one != two] == [4, 5]
+    # Counted again it takes its own place, and what it replaces is no longer said.
+    again = coverage_markdown({second: (old, old)}, 20, 6, page)
+    assert "--seed 6" in again and "--seed 5" not in again and again.count("Made by") == 2
+    assert coverage_markdown(dict.fromkeys(APERIODIC, (old, old)), 2, 1, again) == whole
+    assert coverage_markdown({first: (old, old)}, 2, 1).count("Made by") == 1
+
+
 def test_an_open_end_holds_and_a_narrow_interval_off_the_truth_does_not():
     ends = [(0.9, None), (None, 1.1), (1.01, 1.02), (0.5, 1.5)]
     row = counted("k", [*(interval(low, high, 1.0) for low, high in ends), None])

@@ -1,5 +1,6 @@
 """Coverage as a table, as JSON and as markdown."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
@@ -38,6 +39,8 @@ rig states them, displacement, command and current, and goes through the reader 
 controller are known; noise on the command is stored nowhere.
 """
 
+LAST = "A condition that several of these commands count has the rows of the last of them."
+
 Found = Mapping[str, Sequence[Coverage]]
 
 
@@ -71,7 +74,7 @@ def coverage_json(found: Found, seed: int) -> dict[str, Any]:
 
 
 def coverage_markdown(found: Found, draws: int, seed: int, before: str = "") -> str:
-    """A page with the commands that make it again; of a page that is there the parts that were not counted stay.
+    """A page with the commands that make it again; of a page that is there the conditions that were not counted stay.
 
     Args:
         found: counts by condition.
@@ -82,14 +85,46 @@ def coverage_markdown(found: Found, draws: int, seed: int, before: str = "") -> 
     page = f"# Coverage of the intervals\n\n{HOW_TO_READ}\n"
     for group, (title, conditions) in GROUPS.items():
         counted = {name: rows for name, rows in found.items() if name in conditions}
-        kept = before.partition(f"## {title}\n")[2].partition("\n## ")[0].rstrip("\n")
+        section = before.partition(f"## {title}\n")[2].partition("\n## ")[0].rstrip("\n")
         if counted:
+            stored = _stored(section)
+            old = {name: stored[name] for name in conditions if name in stored and name not in counted}
             names = group if list(counted) == list(conditions) else " ".join(counted)
             spread = np.sqrt(0.95 * 0.05 / draws)
-            kept = (
-                f"\nMade by `maglev coverage {names} --draws {draws} --seed {seed} --docs docs/coverage.md`; a share "
-                f"of 0.95 has a standard deviation of {spread:.2g}.\n\n" + markdown_table(HEAD, list(_rows(counted)))
+            made_by = [line for line, of in _commands(section) if old.keys() & of]
+            made_by.append(
+                f"Made by `maglev coverage {names} --draws {draws} --seed {seed} --docs docs/coverage.md`; a share "
+                f"of 0.95 has a standard deviation of {spread:.2g}."
             )
-        if kept:
-            page += f"## {title}\n{kept}\n\n"
+            if len(made_by) > 1:
+                made_by.append(LAST)
+            lines = old | {name: _lines({name: rows})[2:] for name, rows in counted.items()}
+            table = [*_lines({}), *(line for name in conditions for line in lines.get(name, ()))]
+            section = "\n" + "\n\n".join([*made_by, "\n".join(table)])
+        if section:
+            page += f"## {title}\n{section}\n\n"
     return page.rstrip("\n") + "\n"
+
+
+def _lines(found: Found) -> list[str]:
+    """The table of some conditions, two lines of head first."""
+    return markdown_table(HEAD, list(_rows(found))).splitlines()
+
+
+def _stored(section: str) -> dict[str, list[str]]:
+    """The lines of a stored table by condition."""
+    found: dict[str, list[str]] = {}
+    name = ""
+    for line in section.splitlines():
+        if line.startswith("| ") and not line.startswith(("| ---", f"| {HEAD[0]} |")):
+            name = line.removeprefix("| ").partition(" | ")[0].partition(":")[0].strip() or name
+            found.setdefault(name, []).append(line)
+    return found
+
+
+def _commands(section: str) -> Iterator[tuple[str, set[str]]]:
+    """The stored lines that say which command made a table, and the conditions that it counted."""
+    for line in section.splitlines():
+        if command := re.match(r"Made by `maglev coverage (.*?) --draws", line):
+            words = command.group(1).split()
+            yield line, {name for word in words for name in (GROUPS[word][1] if word in GROUPS else (word,))}
