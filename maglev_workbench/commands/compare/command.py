@@ -143,10 +143,11 @@ def compare(
     write_json(folder / "compare.json", data)
     write_json(json_file, data)
     if docs is not None:
-        asked = "".join(f" --effect {e}" for e in effect) + (f" --controller {quote(controller)}" if controller else "")
-        asked += " --affected" if affected else ""
+        asked = "".join(f" --effect {quote(e)}" for e in effect)
+        asked += f" --controller {quote(controller)}" if controller else ""
+        asked += " --affected" * affected + (f" --policy {quote(str(policy))}" if policy else "")
         options = f"--rigs {rigs} --budgets {budgets} --repeats {repeats} --protocol {protocol}{asked} --seed {seed}"
-        command = " ".join(["maglev compare", *found.results, f"--rig {rig}", options])
+        command = " ".join(["maglev compare", *found.results, f"--rig {quote(rig)}", options])
         write_text_atomic(docs, compare_markdown(found, of, command))
     console.print(compare_table(found, of))
     reused = [m for m, r in found.results.items() if r.reused]

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from shlex import quote
 
 from maglev_env.recordings.files import write_text_atomic
 from maglev_workbench.commands.blind.sealed_set import SET
@@ -73,4 +74,4 @@ def run(
 def _command(folder: Path, budgets: dict[str, int], cases: int, seed: int) -> str:
     numbers = sorted(set(budgets.values()))
     shown = str(numbers[0]) if len(numbers) == 1 else f"{budgets[NOMINAL]},{budgets[TWIN]}"
-    return f"maglev compare --twin {folder} --budgets {shown} --cases {cases} --seed {seed}"
+    return f"maglev compare --twin {quote(str(folder))} --budgets {shown} --cases {cases} --seed {seed}"

@@ -141,9 +141,9 @@ def train(
         found = judge(world, policy, judged, seed)
         seconds = perf_counter() - started
         amount = (f"--rigs {rigs}" if searched or kept else f"--experiments {experiments}") + (
-            f" --init {init}" if init else ""
+            f" --init {quote(str(init))}" if init else ""
         )
-        command = f"maglev train --rig {rig} --by {by} --protocol {protocol} {amount} --seed {seed}"
+        command = f"maglev train --rig {quote(rig)} --by {by} --protocol {protocol} {amount} --seed {seed}"
         command += f" --controller {quote(controller)}" if controller else ""
         made = {**made_by, "held_out": found, "command": command}
         # What made the weights stays on record beside what made the rest.

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from shlex import quote
 from time import perf_counter
 
 import numpy as np
@@ -108,17 +109,19 @@ def run(
     for part in (*tune_tables(task, found, advice), *tables):
         console.print(part)
     if advice.chosen is not None:
-        console.print(f"the same run-up: {command(source, task, advice.chosen.point, rejection)}", highlight=False)
+        again = command(source, task, advice.chosen.point, rejection, top, seed)
+        console.print(f"the same run-up: {again}", highlight=False, soft_wrap=True)  # in one line, to be pasted
     down = int(np.sum(found.trials.touchdown))
     reused = f", {found.reused} reused" if found.reused else ""
     console.print(f"{len(found.trials)} experiments, {down} touchdowns; {data['seconds']:.1f} s{reused}\npage  {page}")
 
 
-def command(source: str, task: RotorGoalTask, point: np.ndarray, rejection: float | None) -> str:
-    """The command that runs the rotor up with the gains of a point of the box."""
-    values = dict(zip(task.box.names, task.box.gains(point), strict=True))
-    words = [f"maglev runup --rotor {source}", *([] if rejection is None else [f"--rejection {rejection:g}"])]
+def command(source: str, task: RotorGoalTask, point: np.ndarray, rejection: float | None, top: float, seed: int) -> str:
+    """The command that runs the rotor up, to the top speed (rpm), with the gains of a point of the box."""
+    values = dict(zip(task.box.names, map(float, task.box.gains(point)), strict=True))
+    words = [f"maglev runup --rotor {quote(source)}", *([] if rejection is None else [f"--rejection {rejection!r}"])]
+    words.append(f"--speeds 0:{repr(top).removesuffix('.0')}:{CHECKED:g} --seed {seed}")
     for name, value in values.items():
         gain, _, controller = name.partition("_")
-        words.append(f"--gains {controller}.{gain}={value:.6g}")
+        words.append(f"--gains {controller}.{gain}={value!r}")
     return " ".join(words)

@@ -12,6 +12,8 @@ from maglev_env.rig.rig_file import ROTOR_FOLDER
 from maglev_env.rotor.loop_quantities import PLANES, TOGETHER, Found
 from maglev_env.rotor.requirements import rotor_goal
 from maglev_env.rotor.rotor import load_rotor
+from maglev_env.task.pump_goal import make_rotor_goal_task
+from maglev_workbench.commands.runup.asked import parse_speeds, with_chosen_gains
 from maglev_workbench.commands.tune import rotor as rotor_command
 from maglev_workbench.commands.tune.rotor_report import check_rows, found_json, place_rows, speed_rows
 
@@ -104,6 +106,18 @@ def test_tables_name_the_worst_mode_or_plane_and_what_is_missed():
     assert [row[1] for row in rows] == [*PLANES, TOGETHER, *PLANES, *PLANES]
     assert [row[4] for row in rows] == ["met", "met", "missed", "met", "missed", "", ""]
     assert rows[2][2:4] == ["2.10", "6000"]
+
+
+def test_the_command_of_the_same_run_up_is_one_of_a_shell_and_leaves_out_nothing():
+    task = make_rotor_goal_task(load_rotor("pump"), GOAL, ("kp", "kd"), None, [0.0, 9250.0], budget=1)
+    point = np.array([0.123, 0.456, 0.5, 0.61])
+    program, *words = shlex.split(rotor_command.command("my pumps/a b.toml", task, point, 1 / 3, 9250.0, 7))
+    assert (program, words[0]) == ("maglev", "runup")
+    given = dict(zip(words[1::2], words[2::2], strict=True))
+    assert given["--rotor"] == "my pumps/a b.toml" and given["--seed"] == "7" and float(given["--rejection"]) == 1 / 3
+    np.testing.assert_array_equal(parse_speeds(given["--speeds"]), [*range(0, 9001, 500), 9250])
+    single = [words[i + 1] for i, word in enumerate(words) if word == "--gains"]
+    assert with_chosen_gains(task.rotor, {}, single).gains == task.at(task.rotor, point).gains
 
 
 def test_a_value_without_a_bound_is_none_in_json():
