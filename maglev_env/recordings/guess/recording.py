@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -112,8 +113,10 @@ def guess_recording(
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is no data file, or holds no columns.
+        ValueError: it is no data file, or holds no columns, or the stated rate is none.
     """
+    if rate is not None and not 0 < rate < inf:
+        raise ValueError(f"{path}: a sample rate of {rate:g} Hz: it must be positive and finite")
     file = read_columns(path)
     found = contents(file)
     if rate is not None:  # it tells the unit of a time without one, too

@@ -25,6 +25,8 @@ def check(
 
     # What is wrong with it is told before the imports that take longer.
     stated = None if is_data_file(campaign) else load_campaign(campaign)
+    if stated is not None and rate is not None:
+        raise ValueError("--rate is for one file; campaign.toml states the sample_rate of every recording")
     from importlib.metadata import version
 
     from maglev_env.loop.axes import AXES
@@ -55,10 +57,12 @@ def check(
 
     said: list[object] = []
     notes: list[tuple[str, str]] = []
+    guessed = ()
     if stated is None:
         loaded, guess = guessed_campaign(campaign, rate)
         page = out or campaign.with_name(f"{campaign.stem}-check.html")
-        said += [f"guess: {one.what}: {one.reason}" for one in guess.guesses]
+        guessed = guess.guesses
+        said += [f"guess: {one.what}: {one.reason}" for one in guessed]
     else:
         loaded = stated
         page = out or loaded.folder / "check.html"
@@ -111,6 +115,8 @@ def check(
             "version": version("maglev-workbench"),
             "answer": answer,
             "warnings": warnings,
+            "guesses": plain(guessed),
+            "notes": [{"recording": file, "note": text} for file, text in notes],
             "commands": [{"file": file, **{u.command: uses_json(u) for u in of}} for file, of in used],
             "recordings": [{"file": f, **plain(q)} for f, q in found],
         },

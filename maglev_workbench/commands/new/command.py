@@ -45,6 +45,7 @@ def new(
     """Guess what data files hold, and write a commented campaign.toml that `maglev check` takes."""
     from dataclasses import replace
     from importlib.metadata import version
+    from math import inf
 
     from rich.table import Table
 
@@ -77,8 +78,8 @@ def new(
 
     told = StatedColumns(channels_of(channel or ()), scales_of(scale or ()), values_of("--zero", zero or ()))
     for name, value in (("--rate", rate), ("--mass", mass)):
-        if value is not None and not value > 0:
-            raise ValueError(f"{name} {value} must be positive")
+        if value is not None and not 0 < value < inf:
+            raise ValueError(f"{name} {value} must be positive and finite")
     if rig is not None:
         load_rig(rig)
     if magnet is not None:

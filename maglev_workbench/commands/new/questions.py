@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from math import inf
 
 import typer
 
@@ -66,6 +67,6 @@ def _positive(answer: str, what: str) -> float | None:
         value = float(answer)
     except ValueError:
         value = 0.0
-    if not value > 0:
+    if not 0 < value < inf:
         raise ValueError(f"{what} = {answer} must be a positive number")
     return value

@@ -71,6 +71,8 @@ def simulate(
     page = out / "recordings.html"
     if taken := [file for file in (out / "campaign.toml", page) if file.exists()]:
         raise ValueError(f"{taken[0]} exists; choose another --out or delete the folder")
+    if excite and protocol != "sphs":
+        raise ValueError(f"--excite: --protocol {protocol} plans its own lines; leave one of them out")
     asked = Recorded(tuple(excite), kind, fundamental, periods, sample_rate)
     loaded = with_defaults(excited(load_rig(rig), asked))
     own = {"kp": kp, "ki": ki, "kd": kd, "td": td, "ti": ti}

@@ -48,7 +48,7 @@ def excited(rig: Rig, recorded: Recorded) -> Rig:
         return rig
     protocol = rig.protocol or Protocol(())
     own = next((e.fundamental for e in protocol.excitations), 1.0)
-    fundamental = recorded.fundamental or own
+    fundamental = own if recorded.fundamental is None else recorded.fundamental
     excitations = tuple(parse_excitation(text, fundamental, recorded.kind) for text in recorded.excite)
     return replace(rig, protocol=replace(protocol, excitations=excitations))
 

@@ -92,7 +92,11 @@ def toml_block(advice: Advice, campaign: Campaign | None) -> str:
     protocol, rate = advice.task.rig.protocol, last.sample_rate if last else advice.task.rig.control_rate
     head = {"file": _file(campaign), "role": "fit", "sample_rate": rate, "start": 0}
     stated = last.intersample if last else "zoh"
-    lines = toml_table("[[recording]]", head | ({"intersample": stated} if stated else {}))[1:]
+    head |= {"intersample": stated} if stated else {}
+    head |= {"speed_rpm": last.speed_rpm} if last and last.speed_rpm else {}
+    if last and last.layout:
+        head["format"] = {key: value for key, value in asdict(last.layout).items() if value is not None}
+    lines = toml_table("[[recording]]", head)[1:]
     lines += toml_table("[recording.gains]", asdict(advice.next))
     for e in excitations_of(advice):
         lines += toml_table(

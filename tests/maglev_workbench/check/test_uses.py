@@ -109,10 +109,19 @@ def test_the_command_begins_with_its_answer_and_a_bare_file_needs_no_rig(tmp_pat
     assert data["answer"].startswith("Usable with care for estimate;") and " ".join(text.split()).startswith(
         data["answer"]
     )
+    assert {one["what"] for one in data["guesses"]} >= {"sample_rate", "excitation"}
+    (one,) = data["notes"]
+    assert one["recording"] == "run.csv" and one["note"].startswith("intersample is not stated") and one["note"] in text
+    assert all(f"guess: {one['what']}: " in " ".join(text.split()) for one in data["guesses"])
     (own,) = data["commands"]
     assert own["file"] == "run.csv" and "rig is missing" in own["diagnose"]["why"] and own["diagnose"]["instead"]
     page = (tmp_path / "run-check.html").read_text()
     assert "What each command makes of it" in page and "rig is missing" in page
+
+
+def test_a_rate_is_not_taken_for_a_campaign(tmp_path):
+    folder = write_campaign(tmp_path, Bench(), {"chirp": "fit"}, 0.5, 0)
+    assert "--rate is for one file" in maglev("check", folder, "--rate", 17, code=2)
 
 
 def test_what_is_the_same_of_several_recordings_or_commands_is_said_once():

@@ -264,6 +264,12 @@ def test_a_stated_scale_and_zero_go_into_channels_and_gains(tmp_path):
         assert words in maglev("new", tmp_path, "--force", "--scale", wrong, code=2)
 
 
+@pytest.mark.parametrize("answer", ["inf", "nan", "0", "much"])
+def test_an_answer_that_is_no_finite_number_is_refused(answer):
+    with pytest.raises(ValueError, match="must be a positive number"):
+        questions._positive(answer, "mass")
+
+
 def test_a_named_rig_leaves_nothing_to_edit_of_a_ball_below_a_coil(tmp_path):
     t = np.arange(3000) / 1000.0
     gap = 8.0 + 0.3 * np.convolve(np.where(t < 1.5, 0.0, 1.0), np.full(80, 1 / 80), "same")

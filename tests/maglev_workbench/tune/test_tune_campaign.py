@@ -14,10 +14,12 @@ from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.campaign_writer import write_campaign
+from maglev_env.recordings.formats.text_layout import TextLayout
 from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
-from tuning.campaign.next_step import tuning_task
+from maglev_workbench.commands.tune.next_recording import toml_block
+from tuning.campaign.next_step import next_step, tuning_task
 
 run = partial(maglev, "tune")
 HEAD = 'schema = "maglev-campaign/1"\n'
@@ -137,9 +139,6 @@ def test_a_probe_that_counts_from_elsewhere_is_left_out(tmp_path):
 
 
 def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
-    from maglev_workbench.commands.tune.next_recording import toml_block
-    from tuning.campaign.next_step import next_step
-
     recorded(tmp_path)
     toml = (tmp_path / "campaign.toml").read_text()
     toml = toml.replace(
@@ -153,6 +152,17 @@ def test_the_next_recording_keeps_the_channels_of_the_last(tmp_path):
     again = load_campaign(tmp_path)
     assert again.recordings[1].file == "run2.npz" and again.recordings[1].channels == again.recordings[0].channels
     assert again.recordings[1].excitations == with_defaults(load_rig("hmb_free")).protocol.excitations
+
+
+def test_the_next_recording_keeps_speed_and_form_of_the_last(tmp_path):
+    campaign = load_campaign(recorded(tmp_path))
+    layout = TextLayout(separator=";", decimal=",")
+    last = replace(campaign.recordings[-1], layout=layout, speed_rpm=1200.0)
+    block = toml_block(next_step(campaign.rig, []), replace(campaign, recordings=(last,)))
+    (table,) = tomllib.loads(block)["recording"]
+    assert table["format"] == {"separator": ";", "decimal": ","} and table["speed_rpm"] == 1200.0
+    (plain,) = tomllib.loads(toml_block(next_step(campaign.rig, []), campaign))["recording"]
+    assert not {"format", "speed_rpm"} & plain.keys()
 
 
 def test_a_recording_without_gains_is_left_out_and_the_others_are_used(tmp_path):
