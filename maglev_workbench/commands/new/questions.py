@@ -11,6 +11,7 @@ from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_s
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_env.recordings.guess.units import known_unit
 from maglev_workbench.commands.new.stated import Stated
+from maglev_workbench.printable import printable
 
 
 def interactive() -> bool:
@@ -21,10 +22,10 @@ def interactive() -> bool:
 def ask_rig(stated: Stated) -> Stated:
     """Mass and magnet, where they are not stated; an empty answer leaves them open."""
     if stated.mass is None:
-        answer = typer.prompt("Moving mass in kg (empty: not known)", default="", show_default=False)
+        answer = _prompt("Moving mass in kg (empty: not known)")
         stated = replace(stated, mass=_positive(answer, "mass"))
     if stated.magnet is None and stated.rig is None:
-        answer = typer.prompt(f"Magnet: {', '.join(MAGNETS)} (empty: state it later)", default="", show_default=False)
+        answer = _prompt(f"Magnet: {', '.join(MAGNETS)} (empty: state it later)")
         if answer and answer not in MAGNETS:
             raise ValueError(f"magnet {answer}: use one of {', '.join(MAGNETS)}")
         stated = replace(stated, magnet=answer or None)
@@ -33,9 +34,7 @@ def ask_rig(stated: Stated) -> Stated:
 
 def ask_rate(file: str) -> float | None:
     """The sample rate of a file without time."""
-    return _positive(
-        typer.prompt(f"Sample rate of {file} in Hz (empty: later)", default="", show_default=False), "rate"
-    )
+    return _positive(_prompt(f"Sample rate of {file} in Hz (empty: later)"), "rate")
 
 
 def ask_units(guess: RecordingGuess) -> RecordingGuess:
@@ -46,11 +45,7 @@ def ask_units(guess: RecordingGuess) -> RecordingGuess:
 def _asked(column: ColumnGuess) -> ColumnGuess:
     if not column.channel or "unit of this column" not in column.ask:
         return column
-    answer = typer.prompt(
-        f"Unit of column {column.column} ({column.channel}; {column.reason}; empty: as guessed)",
-        default="",
-        show_default=False,
-    )
+    answer = _prompt(f"Unit of column {column.column} ({column.channel}; {column.reason}; empty: as guessed)")
     if not answer:
         return column
     unit = known_unit(answer)
@@ -58,6 +53,11 @@ def _asked(column: ColumnGuess) -> ColumnGuess:
         raise ValueError(f"unit {answer}: not known; leave it empty, and state scale in campaign.toml")
     known = with_scale(column, unit.scale)
     return replace(known, ask="", confidence=1.0, reason=f"{column.reason}; unit stated: {answer}")
+
+
+def _prompt(text: str) -> str:
+    """What is answered; "" for nothing. The text may hold names of other people's files."""
+    return typer.prompt(printable(text), default="", show_default=False)
 
 
 def _positive(answer: str, what: str) -> float | None:

@@ -3,6 +3,7 @@
 import json
 import shutil
 import tomllib
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -262,6 +263,12 @@ def test_a_stated_scale_and_zero_go_into_channels_and_gains(tmp_path):
         ("probe=nan", "COLUMN=VALUE"), ("probe=-inf", "COLUMN=VALUE"),
     ):  # fmt: skip
         assert words in maglev("new", tmp_path, "--force", "--scale", wrong, code=2)
+
+
+def test_a_question_commands_no_terminal(capsys, monkeypatch):
+    monkeypatch.setattr("sys.stdin", StringIO("20000\n"))
+    assert questions.ask_rate("run\x1b[2J.csv") == 20000.0
+    assert "run\ufffd[2J.csv" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("answer", ["inf", "nan", "0", "much"])
