@@ -48,12 +48,12 @@ def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
     found: dict[tuple[str, str], Curve] = {}
     corrected = diagnosis.corrected
     # A tone is not a line of the excitation: with it, a simulated period would not repeat.
-    lines = Point({n: v for n, v in corrected.effects.items() if n not in TONES}, corrected.changes)
+    lines = Point({n: v for n, v in corrected.effects.items() if n not in TONES}, corrected.changes, corrected.dithered)
     for part in diagnosis.judged.parts:
         shown = _shown(part)
         if all(key in found for key in shown):
             continue
-        nominal, after = part.predictor([NOMINAL, lines])
+        nominal, after = part.predictor.smoothed([NOMINAL, lines])
         for (kind, axis), on in shown.items():
             if (kind, axis) not in found:
                 found[kind, axis] = _curve(part, kind, axis, on, nominal, after)

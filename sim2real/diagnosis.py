@@ -212,4 +212,4 @@ def _corrected(
     if drift is not None and drift.shown and DRIFTING in effects and DRIFTING not in point.effects:
         point = with_drift(point, drift.rate, [part.record for part in fitted.parts])
     tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}
-    return Point({**point.effects, **tones}, point.changes)
+    return Point({**point.effects, **tones}, point.changes, point.dithered)

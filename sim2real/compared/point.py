@@ -20,6 +20,7 @@ LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring abo
 # Sensor noise smooths hard nonlinearities (dithering). Limits are always smoothed; hysteresis and friction are smoothed
 # in some forms and not in others.
 DITHERED, MAY_BE_DITHERED = ({n for n, card in EFFECTS.items() if card.dither == how} for how in ("always", "maybe"))
+HARD = DITHERED | MAY_BE_DITHERED
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,9 @@ class Point:
     changes: Mapping[str, float]
     dithered: bool = False
 
-    @property
-    def smoothed(self) -> bool:
-        """Whether noise, where there is any, smooths its effects."""
-        return self.dithered or not DITHERED.isdisjoint(self.effects)
+    def smoothed(self, own: Effects) -> bool:
+        """Whether noise, where there is any, smooths its effects, or those that the rig has of its own."""
+        return self.dithered or not DITHERED.isdisjoint({*self.effects, *own})
 
 
 NOMINAL = Point({}, {})
@@ -91,13 +91,12 @@ def unseen_by_all(records: Sequence[Record | OpenRecord]) -> frozenset[str]:
 
 
 def is_dithered(point: Point, rig: Rig) -> bool:
-    """Whether the noise of a rig's sensor smooths what a point simulates."""
-    return rig.noise.displacement > 0 and point.smoothed
+    """Whether the noise of a rig's sensor smooths what a point simulates, the rig's own effects included."""
+    return rig.noise.displacement > 0 and point.smoothed(rig.effects)
 
 
 def without_dithered(point: Point) -> Point:
-    hard = DITHERED | MAY_BE_DITHERED
-    return Point({n: v for n, v in point.effects.items() if n not in hard}, point.changes)
+    return Point({n: v for n, v in point.effects.items() if n not in HARD}, point.changes)
 
 
 def modes_of(point: Point) -> list[Mapping[str, float]]:
@@ -119,14 +118,14 @@ def settling(point: Point) -> float:
 
 
 def together(
-    points: Sequence[Point], period: float, dithering: bool, anyway: float = 0.0
+    points: Sequence[Point], period: float, rig: Rig, anyway: float = 0.0
 ) -> list[tuple[tuple[float, bool], list[int]]]:
     """Points grouped by what can be simulated together.
 
     Args:
         points: The points.
         period: Excitation period, s.
-        dithering: Whether the rig has sensor noise.
+        rig: The nominal rig, whose sensor noise may dither them.
         anyway: Time that all points are given to settle, s.
 
     Returns:
@@ -137,5 +136,5 @@ def together(
     groups: dict[tuple[float, bool], list[int]] = {}
     for i, point in enumerate(points):
         lasts = float(steps[min(np.searchsorted(ends, settling(point)), steps.size - 1)])
-        groups.setdefault((lasts, dithering and point.smoothed), []).append(i)
+        groups.setdefault((lasts, is_dithered(point, rig)), []).append(i)
     return sorted(groups.items())

@@ -128,7 +128,7 @@ class Problem:
             anyway = min(p.predictor.transient / p.record.nominal.control_rate for p in periodic)
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             nominal = self.parts[0].record.nominal
-            dithering, drifts = nominal.noise.displacement > 0, DRIFTING in nominal.effects
+            drifts = DRIFTING in nominal.effects
             for drifting in (False, True):
                 some = [i for i, p in enumerate(points) if (drifts or DRIFTING in p.effects) == drifting]
                 # Recordings share lanes, but for a drift that counts by its mean over the periods of each.
@@ -137,7 +137,7 @@ class Problem:
                     p = part.predictor
                     shared.setdefault(((p.kind, drifting and p.middle), p.schedule), []).append(part)
                 own = [points[i] for i in some]
-                groups = together(own, period, dithering, anyway) if settled else [((0.0, False), range(len(own)))]
+                groups = together(own, period, nominal, anyway) if settled else [((0.0, False), range(len(own)))]
                 for (lasts, dithered), at in groups:
                     which, prepared = [some[i] for i in at], {}
                     for (kind, _), parts in shared.items():

@@ -13,7 +13,16 @@ from maglev_env.kernel.controllers import controller_kind
 from maglev_env.kernel.steady import steady_spectra
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.rig.rig import Rig
-from sim2real.compared.point import NOMINAL, Point, experiment_at, is_dithered, settling, unseen_by, without_dithered
+from sim2real.compared.point import (
+    HARD,
+    NOMINAL,
+    Point,
+    experiment_at,
+    is_dithered,
+    settling,
+    unseen_by,
+    without_dithered,
+)
 from sim2real.recorded.drifting import DRIFTING, middle, steady
 from sim2real.recorded.open_evidence import Replay, coordinates_of_lanes, simulated_series
 from sim2real.recorded.open_record import OpenRecord
@@ -33,14 +42,22 @@ def substeps_of(record: Record | OpenRecord) -> int:
     return substeps(record.instants, record.every) if isinstance(record, OpenRecord) else 1
 
 
-def lanes_of(record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False) -> list[Block]:
-    """Prepared lanes of a record at every point; dithered lanes have the noise that the rig states, and without a
-    period each point has NOISES of them."""
+def lanes_of(
+    record: Record | OpenRecord, points: Sequence[Point], dithered: bool = False, beside: frozenset[str] = frozenset()
+) -> list[Block]:
+    """Prepared lanes of a record at every point.
+
+    Args:
+        record: The record.
+        points: The points.
+        dithered: Whether they have the noise that the rig states; without a period each point then has NOISES of them.
+        beside: Names of effects that the rig is simulated without, where it has them of its own.
+    """
     e, seeds = record.experiment, range(NOISES) if dithered and isinstance(record, OpenRecord) else (None,)
     if dithered:
         noise = replace(e.rig.noise, displacement=record.nominal.noise.displacement)
         e = replace(e, rig=replace(e.rig, noise=noise))
-    e, made = _without_hidden(record, e), dict[tuple, Rig]()
+    e, made = _without_own(_hidden(record) | beside, e), dict[tuple, Rig]()
     seen = [_as_seen(record, e, p, made) for p in points]
     seeded = [own if seed is None else replace(own, seed=seed) for own in seen for seed in seeds]
     return prepared(seeded, substeps_of(record))
@@ -56,18 +73,18 @@ def series_at(record: OpenRecord, point: Point, lanes: list[Block] | None = None
         lanes: Its prepared ones without noise, where they are there already.
     """
 
-    def mean(at: Point, dithered: bool) -> np.ndarray:
-        return simulated_series(record, lanes_of(record, [at], dithered)).mean(axis=0)
+    def mean(at: Point, dithered: bool, beside: frozenset[str] = frozenset()) -> np.ndarray:
+        return simulated_series(record, lanes_of(record, [at], dithered, beside)).mean(axis=0)
 
     if not is_dithered(point, record.nominal):
         return mean(point, False) if lanes is None else simulated_series(record, lanes)[0]
     plain = without_dithered(point)
-    return mean(point, True) - (mean(plain, True) - mean(plain, False))
+    return mean(point, True) - (mean(plain, True, HARD) - mean(plain, False, HARD))
 
 
 def experiment_near(record: Record | OpenRecord, near: Point) -> Experiment:
     """A record's experiment on the rig that a point describes, as it is simulated."""
-    return _as_seen(record, _without_hidden(record, record.experiment), near, {})
+    return _as_seen(record, _without_own(_hidden(record), record.experiment), near, {})
 
 
 def _hidden(record: Record | OpenRecord) -> frozenset[str]:
@@ -76,12 +93,11 @@ def _hidden(record: Record | OpenRecord) -> frozenset[str]:
     return unseen_by(record) | (frozenset() if isinstance(record, OpenRecord) else {DRIFTING})
 
 
-def _without_hidden(record: Record | OpenRecord, e: Experiment) -> Experiment:
-    """The record's experiment on a rig without what is hidden of its own effects, which every experiment on it has."""
-    hidden = _hidden(record)
-    if hidden.isdisjoint(e.rig.effects):
+def _without_own(left_out: frozenset[str], e: Experiment) -> Experiment:
+    """The experiment on a rig without these of its own effects, which every experiment on it has."""
+    if left_out.isdisjoint(e.rig.effects):
         return e
-    own = {name: values for name, values in e.rig.effects.items() if name not in hidden}
+    own = {name: values for name, values in e.rig.effects.items() if name not in left_out}
     return replace(e, rig=replace(e.rig, effects=own), effects=own)
 
 
@@ -109,7 +125,8 @@ class Predictor:
         transient: Control samples simulated before the evaluated period.
         replay: The closed loop of a record without a period.
         lines: Which of the record's lines are predicted, a mask (n,); all by default.
-        known: Contribution of noise to the nominal rig, by transient; without a period, to the rig at `near`.
+        known: Contribution of noise to the nominal rig without what it smooths, by transient; without a period, to the
+            rig at `near`.
         near: Where the loop of a record without a period was opened.
     """
 
@@ -148,13 +165,26 @@ class Predictor:
         """Of these lines of a record with periods alone."""
         return Predictor(self.record, self.opened.at(lines), self.transient, lines=lines)
 
-    def lanes(self, points: Sequence[Point], dithered: bool = False) -> list[Block]:
-        """Lanes at every point, for records of this kind; dithered lanes have the noise that the rig states."""
-        return lanes_of(self.record, points, dithered)
+    def lanes(
+        self, points: Sequence[Point], dithered: bool = False, beside: frozenset[str] = frozenset()
+    ) -> list[Block]:
+        """Lanes at every point, for records of this kind, as `lanes_of`."""
+        return lanes_of(self.record, points, dithered, beside)
 
     def __call__(self, points: Sequence[Point]) -> np.ndarray:
-        """Residuals (n, outputs, axes, lines) at every point."""
+        """Residuals (n, outputs, axes, lines) at every point, all without noise: for what a small change does."""
         return residuals([self], self.lanes(points), max(map(settling, points), default=0.0))[0]
+
+    def smoothed(self, points: Sequence[Point]) -> np.ndarray:
+        """Residuals (n, outputs, axes, lines) at every point, as noise smooths them: for comparing with the record."""
+        lasts = max(map(settling, points), default=0.0)
+        noisy = [is_dithered(p, self.record.nominal) for p in points]
+        rows: dict[int, np.ndarray] = {}
+        for dithered in sorted({*noisy}):
+            at = [i for i, own in enumerate(noisy) if own == dithered]
+            lanes = self.lanes([points[i] for i in at], dithered)
+            rows |= zip(at, residuals([self], lanes, lasts, dithered)[0], strict=True)
+        return np.stack([rows[i] for i in range(len(points))])
 
 
 def residuals(
@@ -182,7 +212,7 @@ def residuals(
         new = [p for p in predictors if transient not in p.known]
         if new:
             plain = [NOMINAL]
-            noisy, clean = (_spectra(new, new[0].lanes(plain, on), transient, dithered) for on in (True, False))
+            noisy, clean = (_spectra(new, new[0].lanes(plain, on, HARD), transient, True) for on in (True, False))
             for p, own, quiet in zip(new, noisy, clean, strict=True):
                 p.known[transient] = np.nan_to_num(own[0] - quiet[0])  # zero where the nominal rig does not levitate
         spectra = [own - p.known[transient] for p, own in zip(predictors, spectra, strict=True)]
@@ -203,7 +233,7 @@ def _of_noise(p: Predictor) -> np.ndarray:
     it smooths; zero where the rotor falls there."""
     if 0 not in p.known:
         plain = [without_dithered(p.near)]
-        noisy, clean = (_replayed([p], p.lanes(plain, on), on)[0][0] for on in (True, False))
+        noisy, clean = (_replayed([p], p.lanes(plain, on, HARD), on)[0][0] for on in (True, False))
         p.known[0] = np.nan_to_num(noisy - clean)
     return p.known[0]
 

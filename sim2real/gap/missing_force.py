@@ -110,7 +110,7 @@ _Spectra = tuple[np.ndarray, int, float, dict[str, np.ndarray]]  # lines, sample
 
 def _periodic_spectra(part: Part, point: Point) -> _Spectra | None:
     record, opened, used = part.record, part.opened, part.used
-    predicted = part.predictor([point])[0]
+    predicted = part.predictor.smoothed([point])[0]
     if not np.isfinite(predicted).all():
         return None
     plant = opened.outputs.index("plant")

@@ -21,9 +21,11 @@ FREE = load_rig("hmb_free")
 def test_only_what_a_limit_is_in_runs_with_noise():
     limited, plain = Point(effect("amplifier_voltage_limit", 0.4), {}), Point(effect("delay", 1e-5), {})
     assert "amplifier_voltage_limit" in DITHERED
-    groups = together([limited, plain, limited], 0.5, True)
+    groups = together([limited, plain, limited], 0.5, FREE)
     assert groups == [((0.0, False), [1]), ((0.0, True), [0, 2])]
-    assert together([limited, plain], 0.5, False) == [((0.0, False), [0, 1])]
+    quiet = replace(FREE, noise=replace(FREE.noise, displacement=0.0))
+    assert together([limited, plain], 0.5, quiet) == [((0.0, False), [0, 1])]
+    assert together([plain], 0.5, replace(FREE, effects=limited.effects)) == [((0.0, True), [0])]
 
 
 @pytest.mark.slow

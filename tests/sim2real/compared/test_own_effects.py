@@ -17,7 +17,7 @@ from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.compared.point import NOMINAL, Point, experiment_at
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import experiment_near
+from sim2real.compared.simulated import experiment_near, series_at
 from sim2real.compared.tolerance_forms import tolerance_forms
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.records import read_records
@@ -86,6 +86,27 @@ def test_what_acts_before_the_drive_is_left_out_of_the_rig_too(tmp_path):
     )
     assert experiment_near(late, NOMINAL).effects == effect("mass", 0.1)
     assert experiment_near(late, Point(effect("amplifier_lag", 2e-4), {})).effects == effect("mass", 0.1)
+
+
+def test_noise_smooths_a_limit_of_the_rig_as_it_does_that_of_a_point(record):
+    limit = effect("amplifier_voltage_limit", 0.2)
+    own, by_point = (assemble([r], rest=False) for r in (on(record, limit), record))
+    expected = plainly(by_point, Point(limit, {}))
+    for point in (NOMINAL, Point(limit, {})):
+        assert abs(plainly(own, point) - expected).max() < 1e-9 * abs(expected).max()
+    part = own.parts[0]
+    smoothed, hasty = (part.whitened(predict([NOMINAL]))[0] for predict in (part.predictor.smoothed, part.predictor))
+    assert abs(smoothed - expected).max() < 1e-9 * abs(expected).max()
+    assert np.linalg.norm(hasty - expected) > 1e-3 * np.linalg.norm(expected)
+
+
+def test_noise_smooths_a_play_of_the_rig_as_it_does_that_of_a_point(tmp_path):
+    _, (record,) = read_records(write_campaign(tmp_path, Bench(), {"noise": "fit"}, 0.5, 0))
+    play = effect("probe_backlash", 1e-6)
+    expected = series_at(record, Point(play, {}))
+    found = series_at(on(record, play), NOMINAL)
+    assert abs(found - expected).max() < 1e-9 * abs(expected).max()
+    assert np.linalg.norm(expected - series_at(record, NOMINAL)) > 1e-3 * np.linalg.norm(expected)
 
 
 PAIR, SINGLE = load_rig("hmb_free"), rig_from_toml(draw_rig("ball", np.random.default_rng(3)).toml(), "rig.toml")

@@ -7,6 +7,7 @@ import pytest
 from campaigns import campaign
 
 from maglev_env.loop.effect import effect
+from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point, settling, together
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import residuals
@@ -16,6 +17,7 @@ from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import families, near_tones, origin, outstanding
 from sim2real.search.hypotheses import TONES
 
+FREE = load_rig("hmb_free")
 RESOLUTION = 1.0  # Hz, of a record of one second
 
 
@@ -115,9 +117,9 @@ def test_what_modes_need_to_ring_out_groups_their_lanes():
     plain = Point(effect("delay", 1e-5), {})
     assert settling(plain) == 0.0
     assert np.exp(-settling(slow) * 2 * np.pi * 40 * 0.01) == pytest.approx(1.5e-3, rel=0.01)
-    groups = together([slow, plain, fast, slow], 0.5, False)
+    groups = together([slow, plain, fast, slow], 0.5, FREE)
     assert [which for _, which in groups] == [[1], [2], [0, 3]]
-    anyway = together([slow, plain, fast, slow], 0.5, False, 0.3)  # s, which is more than the fast one needs
+    anyway = together([slow, plain, fast, slow], 0.5, FREE, 0.3)  # s, which is more than the fast one needs
     assert [which for _, which in anyway] == [[1, 2], [0, 3]] and anyway[1] == groups[2]
     assert all(
         lasts >= settling(p) for (lasts, _), which in groups for p in ([slow, plain, fast, slow][i] for i in which)
