@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from maglev_env.lane_values import shaped_law
+from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
@@ -163,20 +165,21 @@ def coefficients_of(
     for c, u, spread in zip(fit.hypothesis.coordinates, fit.u, sd, strict=False):
         if c.effect not in UNITS:
             continue
-        nominal, scale = nominal_coefficient(rig, c.effect), c.scale or 1.0
+        plain, scale = plain_coefficient(rig, c.effect), c.scale or 1.0
         relative = c.parameter == "change"
-        size = abs(nominal) if relative else 1.0
+        size = abs(plain) if relative else 1.0
         change, se = c.value(float(u)) * size, float(spread) * scale * size
         most = UNBOUNDED * (size if relative else _natural(rig)[c.effect])
-        value = nominal + (change if nominal >= 0 else -change) if relative else nominal + change
+        value = plain + (change if plain >= 0 else -change) if relative else plain + change
         if c.effect in heavier:
             # A heavier suspended mass needs more pull, which has more gain and stiffness.
             at, sigma, power = heavier[c.effect]
             value *= (1 + float(fit.u[at]) * sigma) ** power
-            own, more = np.copysign(scale * size, nominal), value * power * sigma
+            own, more = np.copysign(scale * size, plain), value * power * sigma
             mixed = 2 * own * more * covariance[len(found), at] + more**2 * covariance[at, at]
             se = float(np.sqrt(max(se**2 + mixed, 0.0)))
         ended = c.value(float(u)) in (c.low, c.high) and c.low < 0
+        nominal = nominal_coefficient(rig, c.effect)
         found.append(Coefficient(c.effect, UNITS[c.effect], value, se, nominal, se < most, ended, most))
     if any(c.name == "actuator_gain" and not c.bounded for c in found):
         # Of a force of unknown size nobody can say how late it comes, nor how much of it a damping takes.
@@ -199,14 +202,29 @@ def forced(records: Iterable[Record | OpenRecord]) -> bool:
 
 
 def nominal_coefficient(rig: Rig, name: str) -> float:
-    """The nominal value that an identified change refers to; of two axes that state other values, their mean."""
+    """The value of the nominal rig with the effects that it has of its own; of two axes that state other values, their
+    mean."""
+    plain, own = plain_coefficient(rig, name), effect_value(rig.effects, name)
+    return plain * (1 + own) if "change" in EFFECTS[name].parameters else plain + own
+
+
+def plain_coefficient(rig: Rig, name: str) -> float:
+    """As `nominal_coefficient`, without the rig's own effect of this name: that of a fit stands in its place, and its
+    change refers to this value."""
     if rig.per_axis:
-        return float(np.mean([nominal_coefficient(own, name) for own in rig.by_axis]))
+        return float(np.mean([plain_coefficient(own, name) for own in rig.by_axis]))
     if name in ("actuator_gain", "negative_stiffness"):
         if not rig.controlled:
             return 0.0
-        return float(linearise(force_law(rig))[name == "negative_stiffness"])
+        bent = {of: values for of, values in rig.effects.items() if of == "force_law"}
+        return float(linearise(shaped_law(force_law(rig), bent))[name == "negative_stiffness"])
     return {"support_stiffness": rig.support_stiffness, "damping": rig.support_damping, "delay": 0.0}[name]
+
+
+def change_at(rig: Rig, c: Coefficient) -> float:
+    """The change by which an effect makes a relative coefficient what it is, in place of the rig's own effect."""
+    more, own = c.change * np.sign(c.nominal), effect_value(rig.effects, c.name)
+    return own + more + own * more
 
 
 def across_recordings(c: Coefficient, each: Sequence[Coefficient]) -> Coefficient:

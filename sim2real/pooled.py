@@ -19,6 +19,7 @@ from sim2real.coefficients import (
     UNITS,
     Coefficient,
     across_recordings,
+    change_at,
     coefficients_of,
     forced,
     misfit,
@@ -200,7 +201,7 @@ def _over_frequency(
     source = "identified" if "negative_stiffness" in told else "nominal"
     if static is not None and static.stiffness is not None:
         own = {c.name: c for c in at_rest(rig, static)}
-        effects |= {name: {**effects.get(name, {}), "change": c.change * np.sign(c.nominal)} for name, c in own.items()}
+        effects |= {name: {**effects.get(name, {}), "change": change_at(rig, c)} for name, c in own.items()}
         told, source = told | own, AT_REST
 
     def of(name: str) -> tuple[float, float]:

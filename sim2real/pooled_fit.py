@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.loop.effect import meaningful
+from maglev_env.loop.effect import effect_value, meaningful
 from maglev_env.rig.rig import Rig
 from sim2real.coefficients import UNITS, misfit
 from sim2real.compared.point import tolerances, unseen_by_all
@@ -50,7 +50,8 @@ def fitted(
     allowed = {name: sigma for name, sigma in tolerances(rig).items() if name not in UNITS}
     given = {} if near is None else near.hypothesis.given
     h = Hypothesis((*names, *more), allowed, scales=rig.scales, given=given)
-    u = np.zeros(h.size) if near is None else _carried(h, near)
+    nominal = _of_rig(h, rig)
+    u = nominal if near is None else _carried(h, near)
     problem = assemble(records, near=None if near is None else h.point(u), rest=rest, for_estimate=True)
     start = u
     least = PASSES if near is None else 1
@@ -86,7 +87,7 @@ def fitted(
         if best is not None and _unlikely(problem, h, u) > best[0] + WORSE:
             problem, u = _followed_less_far(*best[1:], h)
     problem, u = _opened_nearer(problem, h, u, start)
-    starts = [np.zeros(h.size)] if near is None else [np.zeros(h.size), start]
+    starts = [nominal] if near is None else [nominal, start]
     fit, *others = begin([h] * (1 + len(starts)), [u, *starts], problem.data, problem.simulate)
     differentiate([fit], problem.data, problem.simulate, True)
     return problem, fit, [*others, *held_aside(problem, fit)]
@@ -129,6 +130,15 @@ def _unlikely(problem: Problem, h: Hypothesis, u: np.ndarray) -> float:
     """-2 ln of the likelihood of a point (size,), except for a constant of the records; inf where the rotor falls."""
     (fit,) = begin([h], [u], problem.data, problem.simulate)
     return fit.cost + problem.log_noise
+
+
+def _of_rig(h: Hypothesis, rig: Rig) -> np.ndarray:
+    """Coordinates (size,) of the nominal rig: those of the effects that it has of its own, and 0 of all else."""
+    u = np.zeros(h.size)
+    for i, c in enumerate(h.coordinates):
+        if c.effect in rig.effects:
+            u[i] = c.to_bounds(c.at(effect_value(rig.effects, c.effect, c.parameter)))
+    return u
 
 
 def _carried(h: Hypothesis, near: Fit) -> np.ndarray:

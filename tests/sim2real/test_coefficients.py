@@ -1,9 +1,26 @@
 """Intervals over recordings that disagree, against the scatter of simulated pooled values."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from sim2real.coefficients import Coefficient, across_recordings, least_spread, standard_errors
+from maglev_env.experiment import Experiment
+from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import Gains
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
+from sim2real.blind.benchmark.rigs import draw_rig
+from sim2real.coefficients import (
+    Coefficient,
+    across_recordings,
+    change_at,
+    coefficients_of,
+    least_spread,
+    nominal_coefficient,
+    standard_errors,
+)
+from sim2real.recorded.at_rest.static_evidence import coefficients_at
 from sim2real.search.fit import Fit, cost_of
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.valleys import CHANCE
@@ -64,3 +81,35 @@ def test_a_peak_that_another_point_does_not_bear_out_may_be_one_of_noise():
     assert spread(60.0) == pytest.approx(60.3**-0.5)
     assert spread(40.0) == pytest.approx((40.0 - CHANCE + 0.3) ** -0.5)
     assert spread(9.0) > 1
+
+
+FREE = load_rig("hmb_free")
+BALL = rig_from_toml(draw_rig("ball", np.random.default_rng(3)).toml(), "rig.toml")
+OWN = {
+    **effect("actuator_gain", 0.1, force_share=0.5),
+    **effect("negative_stiffness", -0.2, distance_share=0.3),
+    **effect("force_law", 0.5, offset=0.1),
+    **effect("damping", 0.4),
+    **effect("delay", 75e-6),
+}
+
+
+@pytest.mark.parametrize("own", ({}, OWN), ids=("plain", "corrected"))
+@pytest.mark.parametrize("rig", (FREE, BALL), ids=("pair", "single"))
+def test_the_nominal_values_are_those_of_the_linear_loop_with_the_rig_s_own_effects(rig, own):
+    rig = replace(rig, effects=own)
+    linear = coefficients_at(Experiment(rig, Gains(kp=1e4, ki=0.0, kd=10.0), ()))
+    nominal = [nominal_coefficient(rig, of) for of in ("actuator_gain", "negative_stiffness")]
+    assert nominal == pytest.approx(linear - [0.0, rig.support_stiffness], rel=1e-6)
+
+
+def test_a_fit_that_finds_the_rig_s_own_effects_tells_no_change():
+    rig = replace(FREE, effects=OWN)
+    h = Hypothesis(("actuator_gain", "negative_stiffness", "damping", "delay"), {}, scales=rig.scales)
+    u = np.array([c.at(OWN[c.effect][c.parameter]) for c in h.coordinates])
+    fit = Fit(h, u, np.zeros(h.size, complex), 0.0, 1e3 * np.eye(h.size, dtype=complex))
+    found = coefficients_of(rig, SimpleNamespace(parts=()), fit, ())
+    assert [c.value for c in found] == pytest.approx([c.nominal for c in found], rel=1e-9)
+    assert found[-1].nominal == 75e-6 and found[2].nominal == rig.support_damping + 0.4
+    moved = replace(found[0], value=found[0].nominal * 1.05)
+    assert change_at(rig, moved) == pytest.approx(1.1 * 1.05 - 1)

@@ -8,8 +8,9 @@ import bench_loop
 import numpy as np
 import pytest
 
+from maglev_env.loop.effect import effect
 from maglev_env.recordings.campaign import load_campaign
-from maglev_env.rig.rig_file import rig_from_toml
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real import pooled_fit
 from sim2real.coefficients import Coefficient
 from sim2real.compared.evidence import evidence_of
@@ -23,6 +24,8 @@ from sim2real.recorded.open_reading import SHAPED
 from sim2real.recorded.records import read_records
 from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import Hypothesis
+
+FREE = load_rig("hmb_free")
 
 
 def _current_alone(folder: Path, noise: float = 1e-4):
@@ -126,3 +129,12 @@ def test_a_recording_that_shows_fewer_effects_begins_where_all_together_ended():
     fit = Fit(near, np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.zeros(1, complex), 0.0)
     fewer = Hypothesis(("actuator_gain", "damping", "support_stiffness"), {"probe_gain": 0.02})
     assert pooled_fit._carried(fewer, fit) == pytest.approx([1.0, 3.0, 0.0, 5.0])
+
+
+def test_the_nominal_rig_has_the_coordinates_of_its_own_effects():
+    h = Hypothesis(("actuator_gain", "damping", "delay"), {"mass": 0.01})
+    assert not pooled_fit._of_rig(h, FREE).any()
+    beside = Hypothesis((*h.effects, "support_resonance"), {})  # absent, it has a damping ratio nevertheless
+    assert not pooled_fit._of_rig(beside, FREE).any()
+    own = effect("actuator_gain", 0.1) | effect("delay", 7e-5)
+    assert h.point(pooled_fit._of_rig(h, replace(FREE, effects=own))).effects == own | effect("damping", 0.0)
