@@ -134,7 +134,7 @@ class Freed(Hypothesis):
     @cached_property
     def named(self) -> tuple[Coordinate, ...]:
         """The coordinates of the effects."""
-        return Hypothesis(self.effects, self.tolerances, scales=self.scales).coordinates
+        return Hypothesis(self.effects, self.tolerances, scales=self.scales, own=self.own).coordinates
 
     @property
     def prior(self) -> np.ndarray:
@@ -164,4 +164,4 @@ class Freed(Hypothesis):
 def freed(base: Hypothesis, added: Sequence[Kind], sizes: Sizes) -> Freed:
     """A hypothesis with corrections added."""
     own = base.effects, base.tolerances, base.dithered, base.scales, base.shaped, base.usual
-    return Freed(*own, tuple(added), sizes)
+    return Freed(*own, tuple(added), sizes, own=base.own)

@@ -58,7 +58,7 @@ def attribute(
         hidden |= {DRIFTING}
     allowed = tolerances(rig)
     progress("calibration")
-    base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig))
+    base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig), own=rig.effects)
     untouched, *calibration = begin([base] * 2, [np.zeros(base.size)] * 2, problem.data, problem.simulate)
     nominal = untouched.cost
     if np.isfinite(nominal):

@@ -9,7 +9,7 @@ from math import exp, inf, isinf, log
 import numpy as np
 
 from maglev_env.loop.card import SMALL_ROTOR, Scales
-from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
+from maglev_env.loop.effect import EFFECTS, NO_EFFECTS, Effects, effect_value, meaningful
 from maglev_env.loop.free.places import NAMES as FREE
 from maglev_env.rig.rig import Rig
 from sim2real.compared.point import TOLERANCE_EFFECTS, Point
@@ -22,19 +22,22 @@ CALIBRATION, NONE, UNKNOWN = "calibration", "none", "unknown"
 
 @dataclass(frozen=True)
 class Coordinate:
-    """How a fit moves one parameter: on a logarithmic scale (scale None), or in units of `scale`, within bounds."""
+    """How a fit moves one parameter: on a logarithmic scale (scale None), or in units of `scale` from a centre, within
+    bounds."""
 
     effect: str
     parameter: str
     scale: float | None
     low: float
     high: float
+    centre: float = 0.0
 
     def value(self, u: float) -> float:
-        return float(min(max(exp(min(u, 700.0)) if self.scale is None else u * self.scale, self.low), self.high))
+        free = exp(min(u, 700.0)) if self.scale is None else u * self.scale + self.centre
+        return float(min(max(free, self.low), self.high))
 
     def at(self, value: float) -> float:
-        return log(value) if self.scale is None else value / self.scale
+        return log(value) if self.scale is None else (value - self.centre) / self.scale
 
     def to_bounds(self, u: float) -> float:
         return self.at(self.value(u))
@@ -116,6 +119,8 @@ class Hypothesis:
             effect that stands for them.
         held: Effects whose coordinates stay at a value.
         given: Effect -> values of coordinates of its form that are known.
+        own: Effects that the nominal rig has of its own. One that is fitted stands in its place; its change of a
+            nominal parameter begins at the own value, which is where a stated tolerance is centred.
     """
 
     effects: tuple[str, ...]
@@ -126,14 +131,21 @@ class Hypothesis:
     usual: Mapping[str, float] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     given: Mapping[str, Mapping[str, float]] = field(default_factory=dict, kw_only=True)
+    own: Effects = field(default_factory=dict, kw_only=True)
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        own = (c for name in self.effects for c in coordinates_of(name, self.scales))
+        own = (self._centred(c) for name in self.effects for c in coordinates_of(name, self.scales))
         held = self.held
         return tuple(
             replace(c, low=held[c.effect], high=held[c.effect]) if c.effect in held else self._possible(c) for c in own
         )
+
+    def _centred(self, c: Coordinate) -> Coordinate:
+        """A change of a nominal parameter about the one that the rig has of its own."""
+        if c.effect not in self.own or EFFECTS[c.effect].nominal is None:
+            return c
+        return replace(c, centre=effect_value(self.own, c.effect, c.parameter))
 
     def _possible(self, c: Coordinate) -> Coordinate:
         """A coordinate within what the rig states, where it is one of several effects.
@@ -142,7 +154,7 @@ class Hypothesis:
         """
         sd = self._prior_sd(c) if len(self.effects) > 1 else None
         most = inf if sd is None else EXCLUDED * sd
-        return replace(c, low=max(c.low, -most), high=min(c.high, most))
+        return replace(c, low=max(c.low, c.centre - most), high=min(c.high, c.centre + most))
 
     @cached_property
     def shapes(self) -> Mapping[str, Shape]:
@@ -152,7 +164,7 @@ class Hypothesis:
     def instead(self, *effects: str) -> "Hypothesis":
         """Other effects on the same rig; the form stays free of those that stay."""
         kept = tuple(name for name in self.shaped if name in effects)
-        return Hypothesis(effects, self.tolerances, scales=self.scales, shaped=kept, usual=self.usual)
+        return Hypothesis(effects, self.tolerances, scales=self.scales, shaped=kept, usual=self.usual, own=self.own)
 
     @property
     def calibrated(self) -> tuple[str, ...]:
@@ -188,19 +200,21 @@ class Hypothesis:
         return frozenset(REPLACED[name] for name in self.effects if name in REPLACED)
 
     def _prior_sd(self, c: Coordinate) -> float | None:
-        """Prior standard deviation of a relative change of a nominal parameter; None where nothing is stated."""
+        """Prior standard deviation of a change of a nominal parameter, which is about what the rig's own effect makes
+        of it; None where nothing is stated."""
         nominal = EFFECTS[c.effect].nominal
-        return WIDER * self.tolerances[nominal] if nominal in self.tolerances else None
+        return WIDER * self.tolerances[nominal] * (1 + c.centre) if nominal in self.tolerances else None
 
     def contradicted(self, u: np.ndarray) -> tuple[str, ...]:
         """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
         far = ((c, sd) for c, v in zip(self.coordinates, u, strict=False)
-               if (sd := self._prior_sd(c)) and abs(c.value(float(v))) > NEARLY * EXCLUDED * sd)  # fmt: skip
+               if (sd := self._prior_sd(c)) and abs(c.value(float(v)) - c.centre) > NEARLY * EXCLUDED * sd)  # fmt: skip
         return tuple(c.effect for c, _ in far)
 
     def beyond_stated(self, u: np.ndarray) -> float:
         """Cost of what exceeds EXCLUDED at coordinates u; 0 where nothing contradicts a stated tolerance."""
-        sizes = ((abs(c.value(float(v))), self._prior_sd(c)) for c, v in zip(self.coordinates, u, strict=False))
+        at = zip(self.coordinates, u, strict=False)
+        sizes = ((abs(c.value(float(v)) - c.centre), self._prior_sd(c)) for c, v in at)
         return STEEP * sum(max(size / sd - EXCLUDED, 0.0) ** 2 for size, sd in sizes if sd)
 
     def strained(self, u: np.ndarray) -> dict[str, float]:
@@ -221,7 +235,8 @@ class Hypothesis:
                 effects.setdefault(shape.effect, {})[shape.key] = value
         if share := changes.pop(FORM, 0.0):
             whole = effects["amplifier_lag"]["time_constant"]
-            effects["amplifier_lag"]["time_constant"], effects["delay"] = (1 - share) * whole, {"time": share * whole}
+            dead = effect_value(self.own, "delay") + share * whole
+            effects["amplifier_lag"]["time_constant"], effects["delay"] = (1 - share) * whole, {"time": dead}
         return Point(effects, changes, self.dithered)
 
     def bounded(self, u: np.ndarray) -> np.ndarray:
@@ -243,18 +258,22 @@ class Hypothesis:
         return bounded
 
 
-def added_lag(effects: Effects, name: str, causes: Collection[str]) -> float:
+def added_lag(effects: Effects, name: str, causes: Collection[str], own: Effects = NO_EFFECTS) -> float:
     """Time in s by which a lag among effects ("amplifier_lag" or "sensor_lag") makes its block later.
 
-    It is the time constant, less what feedback around it takes away, and the part of it that is dead time.
+    It is the time constant, less what feedback around it takes away, and the part of it that is dead time; own: effects
+    of the nominal rig.
     """
     values = effects.get(name, {})
-    return (1 - values.get("feedback", 0.0)) * values.get("time_constant", 0.0) + dead_part(effects, name, causes)
+    return (1 - values.get("feedback", 0.0)) * values.get("time_constant", 0.0) + dead_part(effects, name, causes, own)
 
 
-def dead_part(effects: Effects, name: str, causes: Collection[str]) -> float:
-    """Seconds of an amplifier's lag that are simulated as a delay, which is then none of the causes."""
-    return 0.0 if name != "amplifier_lag" or "delay" in causes else effect_value(effects, "delay")
+def dead_part(effects: Effects, name: str, causes: Collection[str], own: Effects = NO_EFFECTS) -> float:
+    """Seconds of an amplifier's lag that are simulated as a delay, which is then none of the causes; the nominal rig's
+    own delay is not part of it."""
+    if name != "amplifier_lag" or "delay" in causes or "delay" not in effects:
+        return 0.0
+    return effect_value(effects, "delay") - effect_value(own, "delay")
 
 
 def usual_tolerances(rig: Rig) -> dict[str, float]:

@@ -43,7 +43,8 @@ def unstated(diagnosis: Diagnosis) -> list[str]:
         stated = getattr(diagnosis.rig, name) or name in diagnosis.rig.tolerance
         if stated or values is None or not causes or not all(effect in cause for cause in causes):
             continue
-        value = float(f"{added_lag(diagnosis.corrected.effects, effect, causes_of(diagnosis)):.3g}")
+        lag = added_lag(diagnosis.corrected.effects, effect, causes_of(diagnosis), diagnosis.rig.effects)
+        value = float(f"{lag:.3g}")
         found.append(
             f"the rig states no {name}, so that {effect} may be no fault but what was left out: with {name} = "
             f"{value!r} (s) in rig.toml, if that is right, `maglev diagnose` says what else differs"

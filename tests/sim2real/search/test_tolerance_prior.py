@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
+from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import RIG_FOLDER, load_rig
 from sim2real.compared.point import tolerances
 from sim2real.diagnosis import diagnose
+from sim2real.free.kinds import Sizes, freed
 from sim2real.search import attribute
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.fit import Fit
-from sim2real.search.hypotheses import EXCLUDED, STEEP, WIDER, Hypothesis, single_effects
+from sim2real.search.hypotheses import EXCLUDED, FORM_SHARE, STEEP, WIDER, Hypothesis, added_lag, single_effects
 
 HEAVY = Bench(gain=0.3, stiffness=0.3)  # without a force, the same as a mass that is smaller by 23 %
 
@@ -60,6 +62,34 @@ def test_an_effect_alone_soon_contradicts_what_is_stated_and_not_at_once():
     assert costs == pytest.approx([0.0, 0.0, STEEP * 0.06**2, STEEP, STEEP * 17.0**2])
     assert costs[2] < 0.2 and costs[3] > 20.0
     assert Hypothesis(("mass",), {}).beyond_stated(np.array([9.0])) == 0.0
+
+
+def test_a_tolerance_is_about_what_the_rig_s_own_effect_makes_of_the_parameter():
+    """An own + 20 % moves by tolerances as the plain rig does, only 1.2 times as far."""
+    known, own = {"actuator_gain": 0.01}, effect("actuator_gain", 0.2)
+    plain, corrected = (Hypothesis(("actuator_gain", "mass"), known, own=of) for of in ({}, own))
+    assert corrected.point(np.zeros(2)).effects["actuator_gain"]["change"] == 0.2
+    u = corrected.coordinates[0].at(1.2 * 1.01 - 1)  # the own gain, and 1 % more
+    assert corrected.prior[0] * u**2 == pytest.approx(plain.prior[0] * 0.1**2)
+    for h, gain in ((plain, 1.0), (corrected, 1.2)):
+        lowest, highest = ((1 + side * EXCLUDED * WIDER * 0.01) * gain - 1 for side in (-1, 1))
+        assert [h.coordinates[0].low, h.coordinates[0].high] == pytest.approx([lowest, highest])
+        for alone in (h.instead("actuator_gain"), h):
+            at = [np.array([h.coordinates[0].at(v), 0.0]) for v in (0.99 * highest + 0.01 * lowest, highest)]
+            assert [alone.contradicted(v) for v in at] == [(), ("actuator_gain",)]
+        assert h.instead("actuator_gain").beyond_stated(np.array([h.coordinates[0].at(1.16 * gain - 1)])) > 1.0
+    assert freed(corrected, (), Sizes({}, 0.0)).coordinates == corrected.coordinates
+
+
+def test_the_dead_part_of_a_lag_comes_on_top_of_the_rig_s_own_delay():
+    own = effect("delay", 7e-5)
+    h = Hypothesis(("amplifier_lag",), {}, own=own)
+    u = np.array([h.coordinates[0].at(1e-4), 0.3 / FORM_SHARE])
+    effects = h.point(u).effects
+    assert effects["delay"]["time"] == pytest.approx(7e-5 + 3e-5)
+    assert added_lag(effects, "amplifier_lag", h.effects, own) == pytest.approx(1e-4)
+    without = h.point(np.array([u[0], 0.0])).effects
+    assert "delay" not in without and added_lag(without, "amplifier_lag", h.effects, own) == pytest.approx(1e-4)
 
 
 def test_the_sensors_gain_is_known_by_the_probes():
