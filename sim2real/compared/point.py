@@ -99,21 +99,26 @@ def without_dithered(point: Point) -> Point:
     return Point({n: v for n, v in point.effects.items() if n not in HARD}, point.changes)
 
 
-def modes_of(point: Point) -> list[Mapping[str, float]]:
-    """Frequency and damping ratio of the second-order modes among a point's effects."""
+def with_own(point: Point, rig: Rig) -> Effects:
+    """What acts at a point: its effects, and those of the rig's own that none of them replaces."""
+    return {**rig.effects, **point.effects}
+
+
+def modes_of(effects: Effects) -> list[Mapping[str, float]]:
+    """Frequency and damping ratio of the second-order modes among effects."""
     found: list[Mapping[str, float]] = []
-    for name, values in point.effects.items():
+    for name, values in effects.items():
         if "damping_ratio" in values:
             found.append(values)
         if values.get("further_ratio"):
-            times, damping = (effect_value(point.effects, name, f"further_{key}") for key in ("frequency", "damping"))
+            times, damping = (effect_value(effects, name, f"further_{key}") for key in ("frequency", "damping"))
             found.append({"frequency": times * values["frequency"], "damping_ratio": damping})
     return found
 
 
 def settling(point: Point) -> float:
     """Ringing time of the slowest mode among a point's effects, s; 0 without a mode."""
-    rates = (2 * pi * mode["frequency"] * mode["damping_ratio"] for mode in modes_of(point))
+    rates = (2 * pi * mode["frequency"] * mode["damping_ratio"] for mode in modes_of(point.effects))
     return max((RUNG_OUT / rate for rate in rates), default=0.0)
 
 

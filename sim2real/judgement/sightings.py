@@ -11,7 +11,7 @@ from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.open_tones import log_chances, residual_of, tones_in
-from sim2real.compared.point import Point, experiment_at, modes_of
+from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
@@ -184,7 +184,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     resolution = _resolution(record)
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution * _told(record, tone)) or FOREIGN
-        if not name.startswith("spin") and _rings(point, tone.frequency):
+        if not name.startswith("spin") and _rings(part, point, tone.frequency):
             continue  # noise that excites a lightly damped mode
         harmonic = 1
         if name != FOREIGN:
@@ -197,10 +197,12 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     return found
 
 
-def _rings(point: Point, frequency: float) -> bool:
-    """Whether a mode of a point rings at a frequency: noise excites it there, and its lines are simulated worst."""
-    modes = ((mode["frequency"], min(RINGING, RINGING_WIDTHS * mode["damping_ratio"])) for mode in modes_of(point))
-    return any(abs(np.log2(frequency / f)) < near for f, near in modes)
+def _rings(part: Part, point: Point, frequency: float) -> bool:
+    """Whether a mode that acts at a point rings at a frequency: noise excites it there, and its lines are simulated
+    worst."""
+    modes = modes_of(with_own(point, part.record.nominal))
+    near = ((mode["frequency"], min(RINGING, RINGING_WIDTHS * mode["damping_ratio"])) for mode in modes)
+    return any(abs(np.log2(frequency / f)) < within for f, within in near)
 
 
 def _told(record: Record | OpenRecord, tone: Tone) -> float:
@@ -289,13 +291,14 @@ def _bands(index: int, part: Part, point: Point, drifting: bool) -> list[Sightin
     """
     if isinstance(part.record, OpenRecord):
         return []  # its noise is told from the scatter of neighbouring lines, and so are bands of it
-    if not point.effects.keys().isdisjoint(NO_TANGENT):
+    acting = with_own(point, part.record.nominal)
+    if not acting.keys().isdisjoint(NO_TANGENT):
         return []  # these effects give the loop's noise no definite shape
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
     opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
     loops = [loud_bands(r, o, drifting) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
-    modes = [mode["frequency"] for mode in modes_of(point)]
+    modes = [mode["frequency"] for mode in modes_of(acting)]
     # Near a lightly damped mode the noise depends on the mode's damping, which no fit determines well enough.
     loud = [band for band in loud if all(abs(np.log2(f * f / (band[0] * band[1]))) > BESIDE_MODE for f in modes)]
     return [Sighting(index, LOUD, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]
@@ -315,7 +318,7 @@ def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
     for name, tones in families(record.experiment.speed_rpm).items():
         for harmonic, f in enumerate(tones, 1):
             at = np.flatnonzero(abs(record.frequency - f) < ON_LINE * record.experiment.fundamental)
-            if not at.size or (not name.startswith("spin") and _rings(point, f)):
+            if not at.size or (not name.startswith("spin") and _rings(part, point, f)):
                 continue
             line = int(at[0])
             near = np.arange(max(line - AROUND, 0), min(line + AROUND + 1, r.shape[1]))

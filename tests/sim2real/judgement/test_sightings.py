@@ -1,6 +1,6 @@
 """Tones of recordings without a period, as the opened loop of a rig that was found shows them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,11 +9,22 @@ from bench_loop import Bench, write_campaign
 
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response
+from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.open_tones import with_tones
 from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import assemble
-from sim2real.judgement.sightings import FOREIGN, Sighting, _foreign_elsewhere, _is_trend, _opened, sightings
+from sim2real.judgement import sightings as module
+from sim2real.judgement.sightings import (
+    FOREIGN,
+    Sighting,
+    _bands,
+    _foreign_elsewhere,
+    _is_trend,
+    _opened,
+    _rings,
+    sightings,
+)
 from sim2real.recorded.records import read_records
 
 TONE = 2e-6  # m, of the probe, at 61.7 Hz
@@ -72,3 +83,39 @@ def test_a_short_record_leaves_the_origin_of_a_tone_to_a_long_one(clearer, of_ma
     found = _foreign_elsewhere(problem, [long, short, *mains])
     assert found[0] == long and found[1].family == family
     assert found[1].frequency == (100.9 if family == FOREIGN else 101.05)
+
+
+@dataclass(frozen=True)
+class OnRig:
+    """A record of which only the rig matters."""
+
+    nominal: Rig
+    experiment: Experiment
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a loop is opened to."""
+
+    outputs: tuple[str, ...] = ()
+
+
+def on(effects):
+    rig = replace(load_rig("hmb_free"), effects=effects)
+    record = OnRig(rig, Experiment(rig, rig.gains, ()))
+    return SimpleNamespace(record=record, opened=SimpleNamespace(outputs=("plant",)))
+
+
+MODE = {"sensor_resonance": {"frequency": 200.0, "damping_ratio": 0.01, "coupling": 0.05}}
+
+
+def test_a_mode_of_the_rig_rings_as_one_of_a_point_does(monkeypatch):
+    moved = {"sensor_resonance": {**MODE["sensor_resonance"], "frequency": 300.0}}
+    for part, point in ((on({}), Point(MODE, {})), (on(MODE), NOMINAL), (on(moved), Point(MODE, {}))):
+        assert _rings(part, point, 205.0) and not _rings(part, point, 300.0)
+    assert not _rings(on({}), NOMINAL, 205.0)
+    monkeypatch.setattr(module, "opened_loop", lambda record: Shown())
+    monkeypatch.setattr(module, "loud_bands", lambda *_: [(190.0, 210.0, 50.0), (20.0, 30.0, 40.0)])
+    assert [s.chi2 for s in _bands(0, on({}), NOMINAL, False)] == [50.0, 40.0]
+    assert [s.chi2 for s in _bands(0, on(MODE), NOMINAL, False)] == [40.0]
+    assert _bands(0, on({"friction": {"force": 0.02}}), NOMINAL, False) == []
