@@ -23,7 +23,8 @@ class Drawn:
         kind: Where and of what shape.
         range: Of its input, in its unit.
         at: Of a curve or a loop the input, of a factor the frequency in Hz, (n,).
-        value: The correction there (n,), of a factor complex: what is added per unit of the input.
+        value: The correction there (n,), of a factor complex: what is added per unit of the input; beyond what the rig
+            has of its own.
         se: Its standard error (n,), of a factor that of each real part.
         form: The simple form of a curve, or the straight line of one that has none; None without a curve.
     """
@@ -59,7 +60,8 @@ def _drawn(h: Freed, kind: Kind, u: np.ndarray, covariance: np.ndarray, band: np
     scale = np.array([c.scale or 1.0 for c in h.coordinates[own]])
     theta = u[own] * scale
     spread = covariance[own, own] * np.outer(scale, scale)
-    reach = h.sizes.of[PLACES[kind.place][0]]
+    constants = h.sizes.constants(kind.place)
+    reach = constants["range"]
     if kind.shape == CURVE:
         at = reach * np.array([*(-s for s in SHARES[::-1]), *SHARES])
         quantity, values = PLACES[kind.place]
@@ -68,7 +70,7 @@ def _drawn(h: Freed, kind: Kind, u: np.ndarray, covariance: np.ndarray, band: np
         value, se = (np.insert(v, middle, 0.0) for v in (theta, np.sqrt(np.diag(spread))))
         return Drawn(kind, reach, np.insert(at, middle, 0.0), value, se, form)
     if kind.shape == LINEAR:
-        times = h.sizes.time * RATIO ** np.arange(len(RELAXATIONS))
+        times = constants["time"] * RATIO ** np.arange(len(RELAXATIONS))
         basis = np.column_stack([np.ones(band.size), 1 / (1 + 2j * np.pi * np.outer(band, times))])
         se = np.sqrt(np.maximum(np.einsum("fi,ij,fj->f", basis, spread, basis.conj()).real, 0.0) / 2)
         return Drawn(kind, reach, band, basis @ theta, se)

@@ -1,13 +1,13 @@
 """The kinds of free corrections: where in the loop, of what, and with which coefficients."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from maglev_env.kernel.replay import replayed
-from maglev_env.loop.effect import EFFECTS, meaningful
+from maglev_env.loop.effect import EFFECTS, Effects, meaningful
 from maglev_env.loop.free.element import LINE, PLAYS, RELAXATIONS
 from maglev_env.loop.free.places import REMEMBERING
 from sim2real.compared.point import Point, unseen_by
@@ -57,26 +57,30 @@ class Sizes:
     Attributes:
         of: Range of command, current (A), displacement (m), velocity (m/s), force (N) and share (1).
         time: Time constant of the fastest relaxation, s.
+        own: Effects that the rig has of its own; a correction among them is where one of that place begins.
     """
 
     of: Mapping[str, float]
     time: float
+    own: Effects = field(default_factory=dict)
 
     def coordinates(self, kind: Kind) -> tuple[Coordinate, ...]:
         """The coefficients of a kind in units of their prior standard deviations."""
-        quantity, values = PLACES[kind.place]
+        reach, values = self.constants(kind.place)["range"], PLACES[kind.place][1]
         parameters = EFFECTS[kind.place].parameters
         found = []
         for key in KEYS[kind.shape]:
-            unit = self.of[values] / (1.0 if key in LINE else self.of[quantity])
+            unit = self.of[values] / (1.0 if key in LINE else reach)
             scale = unit * (RELAXED if key in RELAXATIONS else 1.0)
             low, high = max(-BOUND * scale, parameters[key].low), min(BOUND * scale, parameters[key].high)
             found.append(Coordinate(kind.place, key, scale, low, high))
         return tuple(found)
 
     def constants(self, place: str) -> dict[str, float]:
-        """The parameters of a place without any correction."""
+        """The parameters of a place without any correction but the rig's own."""
         found = {key: p.default or 0.0 for key, p in EFFECTS[place].parameters.items()}
+        if place in self.own:
+            return found | dict(self.own[place])
         found["range"] = self.of[PLACES[place][0]]
         return found | ({"time": self.time} if place in REMEMBERING else {})
 
@@ -90,7 +94,8 @@ def sizes_of(problem: Problem, point: Point) -> Sizes | None:
     excited = [part.record.frequency[part.record.excited] for part in problem.parts]
     highest = float(np.quantile(np.concatenate(excited), SUPPORTED))
     # Below a control period, a relaxation is as good as no lag.
-    return Sizes(of, max(0.5 / (2 * np.pi * highest), 0.5 / problem.parts[0].record.nominal.control_rate))
+    rig = problem.parts[0].record.nominal
+    return Sizes(of, max(0.5 / (2 * np.pi * highest), 0.5 / rig.control_rate), rig.effects)
 
 
 def _sizes(part: Part, point: Point) -> dict[str, float] | None:
@@ -117,7 +122,8 @@ def kinds(problem: Problem, sizes: Sizes) -> tuple[Kind, ...]:
 
 @dataclass(frozen=True)
 class Freed(Hypothesis):
-    """A hypothesis with free corrections beside its effects, each coefficient with a wide prior about zero.
+    """A hypothesis with free corrections beside its effects; each coefficient has a wide prior about that of the rig's
+    own correction, else about zero.
 
     Attributes:
         added: The corrections.

@@ -13,7 +13,8 @@ from maglev_workbench.commands.diagnose.free import free_sections
 from sim2real.compared.point import tolerances
 from sim2real.compared.problem import assemble
 from sim2real.free.correction import _rival, free_correction, share_closed
-from sim2real.free.kinds import LINEAR, PLAY, Kind, Sizes, freed, kinds, sizes_of
+from sim2real.free.drawn import _drawn
+from sim2real.free.kinds import CURVE, LINEAR, PLAY, Kind, Sizes, freed, kinds, sizes_of
 from sim2real.recorded.records import read_records
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate, iterate
@@ -127,3 +128,38 @@ def test_what_it_must_beat_is_called_what_it_is(effects, named, refitted, said):
     attribution = SimpleNamespace(calibration=SimpleNamespace(fit="calibrated"), refitted=refitted)
     fit, words = _rival(attribution, partial, named)
     assert words == said and fit == (partial.fit if named else refitted or "calibrated")
+
+
+def test_a_correction_begins_at_the_one_that_the_rig_has_of_its_own():
+    own = {"free_command": {"range": 2.0, "time": 4e-3, "direct": 0.1, "p5": 0.3, "h1": 0.05}}
+    of = dict.fromkeys(("command", "current", "displacement", "velocity", "force", "share"), 1.0)
+    plain, sizes = Sizes(of, 1e-3), Sizes(of, 1e-3, own)
+    h = freed(Hypothesis((), {}), [Kind("free_command", shape) for shape in (CURVE, LINEAR)], sizes)
+    u = np.zeros(h.size)
+    assert sizes.constants("free_command") == plain.constants("free_command") | own["free_command"]
+    assert h.point(u).effects == {"free_command": sizes.constants("free_command")}
+    linear = h.place_of(h.added[1])
+    u[linear.start] = 0.5  # of a prior of 1 A over the 2 A of its own range
+    assert h.point(u).effects["free_command"]["direct"] == pytest.approx(0.1 + 0.25)
+    curve, factor = (_drawn(h, kind, u, np.eye(h.size), np.array([1.0, 1e6])) for kind in h.added)
+    assert curve.range == 2.0 and not curve.value.any()
+    slow = Hypothesis((), {}), [Kind("free_command", LINEAR)], Sizes(of, 4e-3)
+    expected = _drawn(freed(*slow), slow[1][0], 0.5 * u[linear], np.eye(5), factor.at)
+    assert factor.value == pytest.approx(expected.value)
+
+
+@pytest.mark.slow
+def test_a_rig_with_a_correction_of_its_own_stays_what_it_is_where_more_is_looked_for(dead):
+    attribution, _ = dead
+    record = attribution.problem.parts[0].record
+    own = {
+        "free_reading": Sizes({"displacement": 5e-5}, 1e-3).constants("free_reading") | {"direct": -0.05, "p5": 2e-6}
+    }
+    rigs = [replace(rig, effects=own) for rig in (record.nominal, record.experiment.rig)]
+    e = replace(record.experiment, rig=rigs[1], effects=own)
+    problem, base = assemble([replace(record, nominal=rigs[0], experiment=e)]), attribution.calibration.fit
+    sizes = sizes_of(problem, base.hypothesis.point(base.u))
+    h = freed(base.hypothesis, kinds(problem, sizes), sizes)
+    u = np.concatenate([np.zeros(len(h.coordinates)), base.u])
+    plain, free = problem.simulate([base.hypothesis.point(base.u), h.point(u)])
+    assert abs(plain - free).max() < 1e-6 * abs(plain).max()
