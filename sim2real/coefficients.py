@@ -130,6 +130,12 @@ def misfit(fit: Fit) -> float:
     return float(np.mean(abs(fit.residual) ** 2) / 2)
 
 
+def surplus(fit: Fit, share: float = 1.0) -> float:
+    """The misfit of a fit to a share of its residual, where that is more than noise leaves; else 1."""
+    lack = misfit(fit) / share
+    return lack if lack > 1 + SIGNIFICANT / np.sqrt(share * fit.residual.size) else 1.0
+
+
 def _of_mass(rig: Rig, fit: Fit) -> dict[str, tuple[int, float, float]]:
     """How gain and stiffness grow with a suspended mass that is known to a tolerance: coordinate of the mass, relative
     change for one unit of it, and power; nothing where the magnet carries no weight or the mass is exact."""
@@ -152,8 +158,7 @@ def coefficients_of(
         others: points that its intervals must not exclude more than the likelihood does.
         share: that one.
     """
-    h, lack = fit.hypothesis, misfit(fit) / share
-    factor = np.sqrt(lack) if lack > 1 + SIGNIFICANT / np.sqrt(share * fit.residual.size) else 1.0
+    h, factor = fit.hypothesis, np.sqrt(surplus(fit, share))
     by_curvature = bounded_spread(fit, fit.spread)
     sd = standard_errors(by_curvature, fit, others)
     by_chance = standard_errors(by_curvature, fit, others, CHANCE)

@@ -13,6 +13,7 @@ from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.next_experiment import Proposal
+from sim2real.coefficients import surplus
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.free.correction import Free
@@ -24,7 +25,7 @@ from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.untold_time import Late
 from sim2real.search.candidates import Attribution, Candidate
-from sim2real.search.fit import NOT_TOLD
+from sim2real.search.fit import NOT_TOLD, Fit
 from sim2real.search.hypotheses import Coordinate
 from sim2real.words import Fitted
 
@@ -177,11 +178,12 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
     """Fitted parameters with standard errors, named "effect.parameter", or "parameter (relative)" for tolerances.
 
     A parameter that ended at its bound has no standard error: it is not identified. Nor has one that nothing tells, or
-    any of a candidate that is so far behind the best that it was not fitted again under the final noise.
+    any of a candidate that is so far behind the best that it was not fitted again under the final noise. What a fit
+    leaves beyond the noise widens all others (see `_widened`).
     """
     fit, found = candidate.fit, {}
     known = fit.jacobian is not None
-    sd = fit.spread if known else np.full(fit.u.size, np.nan)
+    sd = _widened(fit) if known else np.full(fit.u.size, np.nan)
     for i, c in enumerate(fit.hypothesis.coordinates):
         value = c.value(float(fit.u[i]))
         at_bound = c.at_bound(float(fit.u[i]))
@@ -201,6 +203,16 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         se = float(sd[i]) * sigma if known else None
         found[f"{name} (relative)"] = {"value": change, "se": se, "at_bound": False}
     return found
+
+
+def _widened(fit: Fit) -> np.ndarray:
+    """Standard errors (size,) with the misfit for noise: the variance of the data is that many times larger, and that
+    of what is known beforehand is not. With H = J J^T + P of a fit they are the roots of H^-1 (misfit J J^T + P) H^-1.
+    """
+    more, covariance = surplus(fit) - 1.0, fit.covariance()
+    variance = np.diag(covariance)
+    by_prior = np.divide((covariance**2) @ fit.prior, variance, out=np.ones_like(variance), where=variance > 0)
+    return fit.spread * np.sqrt(1.0 + more * (1.0 - np.minimum(by_prior, 1.0)))
 
 
 def _se(c: Coordinate, value: float, sd: float) -> float:

@@ -1,5 +1,7 @@
 """What a diagnosis prints of a fit's parameters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,20 @@ def test_a_form_that_is_wholly_taken_has_not_ended_at_a_bound():
 def test_a_parameter_that_nothing_tells_has_no_standard_error():
     found = fitted_parameters(fit(np.zeros((2, 2), complex)))
     assert found["mass.change"]["se"] is None and found["probe_gain (relative)"]["se"] == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("louder", (1.0, 5.0))
+def test_what_a_fit_leaves_widens_its_errors_to_those_of_its_values(louder):
+    """Over fits of noise of another size than stated, about rigs that are drawn within their tolerance."""
+    rng, lines, values, claimed = np.random.default_rng(0), 100, [], []
+    jacobian = np.array([0.3, 0.1])[:, None] * (rng.standard_normal((2, lines)) + 1j * rng.standard_normal((2, lines)))
+    for _ in range(600):
+        gain = rng.standard_normal()
+        noise = louder * (rng.standard_normal(lines) + 1j * rng.standard_normal(lines))
+        data = gain * jacobian[1] + noise
+        exact = Fit(MASS, np.zeros(2), data, 0.0, jacobian)
+        u = exact.covariance() @ exact.gradient
+        found = fitted_parameters(Candidate(replace(exact, u=u, residual=data - u @ jacobian)))
+        values.append([found["mass.change"]["value"], found["probe_gain (relative)"]["value"] - 0.02 * gain])
+        claimed.append([found["mass.change"]["se"], found["probe_gain (relative)"]["se"]])
+    assert np.sqrt(np.mean(np.square(values), axis=0)) == pytest.approx(np.mean(claimed, axis=0), rel=0.08)
