@@ -11,9 +11,8 @@ from maglev_workbench.commands.diagnose.report import capitalised
 
 def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
     values = {name: {"time_constant": 4.0031e-3} for name in effects}
-    rig = SimpleNamespace(
-        amplifier_time_constant=pole, sensor_time_constant=0.0, tolerance=dict.fromkeys(tolerance, 0.0)
-    )
+    stated = dict.fromkeys(tolerance, 0.0)
+    rig = SimpleNamespace(amplifier_time_constant=pole, sensor_time_constant=0.0, tolerance=stated, effects={})
     return SimpleNamespace(cause=cause, corrected=SimpleNamespace(effects=values), rig=rig)
 
 
@@ -34,6 +33,9 @@ def test_a_lag_of_which_a_part_is_dead_time_is_to_be_stated_whole():
     found.corrected.effects["delay"] = {"time": 1.0e-3}
     (said,) = unstated(found)
     assert "amplifier_time_constant = 0.004 (s)" in said  # 0.75 * 4.003 ms + 1 ms
+    found.rig.effects["delay"] = {"time": 0.4e-3}  # is none of it
+    (said,) = unstated(found)
+    assert "amplifier_time_constant = 0.0036 (s)" in said
 
 
 @pytest.mark.parametrize(
