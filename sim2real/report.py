@@ -152,10 +152,10 @@ def _whole_lags(diagnosis: Diagnosis) -> list[str]:
     for effect, name in REPLACED.items():
         change, sure = diagnosis.corrected.changes.get(name, 0.0), diagnosis.rig.tolerance.get(name, inf)
         shared = name in usual_tolerances(diagnosis.rig) or abs(change) >= sure
-        if effect not in effects or not (shared or dead_part(effects, effect, causes)):
+        if effect not in effects or not (shared or dead_part(effects, effect, causes, diagnosis.rig.effects)):
             continue
         stated = getattr(diagnosis.rig, name)
-        whole = stated * (1 + change) + added_lag(effects, effect, causes)
+        whole = stated * (1 + change) + added_lag(effects, effect, causes, diagnosis.rig.effects)
         block = effect.removesuffix("_lag")
         found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")
     return found

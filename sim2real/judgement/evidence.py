@@ -266,6 +266,6 @@ def _later(point: Point, name: str, names: Sequence[str], rig: Rig) -> float:
     A block whose stated time constant grew does lag, in one pole instead of two. One whose time constant fell by what
     the effect adds does not: both are one lag in another form.
     """
-    return (1 - SAME) * added_lag(point.effects, name, names) + getattr(rig, REPLACED[name]) * point.changes.get(
-        REPLACED[name], 0.0
-    )
+    return (1 - SAME) * added_lag(point.effects, name, names, rig.effects) + getattr(
+        rig, REPLACED[name]
+    ) * point.changes.get(REPLACED[name], 0.0)
