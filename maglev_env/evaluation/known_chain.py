@@ -105,11 +105,7 @@ def between_both(statistics: LineStatistics, held_rate: float) -> tuple[LineStat
 
 
 def force_statistics(statistics: LineStatistics, experiment: Experiment) -> LineStatistics:
-    """Force and motion at the force lines: without the converter's hold of the force and the lag of the nominal probe.
-
-    Args:
-        statistics: with the channels "force" and "displacement".
-        experiment: of one axis; what its coils sense is taken as the motion.
+    """Force and displacement at the force lines, with the converter's hold removed from the force.
 
     Raises:
         ValueError: No force is excited.
@@ -117,8 +113,7 @@ def force_statistics(statistics: LineStatistics, experiment: Experiment) -> Line
     lines = lines_at(experiment.excitations, "force")
     if not lines.size:
         raise ValueError("experiment: stiffness and damping need an excitation at the force")
-    force = held(statistics.at_lines(lines, ("force", "displacement")), "force", experiment.rig.control_rate)
-    return rotor_motion(force, experiment.rig if experiment.sensor == "probe" else None)
+    return held(statistics.at_lines(lines, ("force", "displacement")), "force", experiment.rig.control_rate)
 
 
 def _ahead(statistics: LineStatistics, channel: str, lag: float) -> LineStatistics:

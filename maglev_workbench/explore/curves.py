@@ -11,7 +11,7 @@ from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.stability_margins import loop_gain, margin_arrays
 from estimation.xy.planar import axis_statistics
-from maglev_env.evaluation.known_chain import force_statistics
+from maglev_env.evaluation.known_chain import force_statistics, rotor_motion
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.expected import expected_statistics
 from maglev_env.linear.loop import loop_response
@@ -105,20 +105,26 @@ def _with_coefficients(found: LoopCurves, experiment: Experiment, axis: int) -> 
     if not lines.size:
         return found
     expected = expected_statistics(experiment, lines)
-    force = motion_under_force(expected, experiment, axis)
+    closed, _ = frequency_response(loop_force(expected, experiment, axis), "displacement", "force")
+    force = nominal_force(expected, experiment, axis)
     receptance, _ = frequency_response(force, "displacement", "force")
     stiffness, damping = coefficients(force.frequency, receptance, rig)
     fit = maximum_likelihood(force, np.array([rig.target.band]), rig.mass, intervals=False)
     in_target = float(fit.stiffness[0]), float(fit.damping[0])
     coefficient = {"stiffness": stiffness, "damping": damping, "in_target": in_target}
-    return replace(found, lines=force.frequency, compliance=np.abs(receptance), **coefficient)
+    return replace(found, lines=force.frequency, compliance=np.abs(closed), **coefficient)
 
 
-def motion_under_force(statistics: LineStatistics, experiment: Experiment, axis: int) -> LineStatistics:
-    """Force and motion of one axis at its force lines."""
+def loop_force(statistics: LineStatistics, experiment: Experiment, axis: int) -> LineStatistics:
+    """The force lines of one axis, without the hold of the force."""
     if experiment.rig.axes == 2:
         statistics = axis_statistics(statistics, AXES[axis])
     return force_statistics(statistics, axis_experiment(experiment, axis))
+
+
+def nominal_force(statistics: LineStatistics, experiment: Experiment, axis: int) -> LineStatistics:
+    """The force lines of one axis, without the hold of the force and without the lag of the nominal probe."""
+    return rotor_motion(loop_force(statistics, experiment, axis), axis_rig(experiment.rig, axis))
 
 
 def coefficients(frequency: np.ndarray, receptance: np.ndarray, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
