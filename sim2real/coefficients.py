@@ -121,8 +121,7 @@ def standard_errors(by_curvature: np.ndarray, fit: Fit, others: Sequence[Fit], c
 
 def overstated(fit: Fit, others: Sequence[Fit]) -> bool:
     """Whether the curvature at a fit claims more of the actuator's gain than other points allow."""
-    gain = [c.effect == "actuator_gain" for c in fit.hypothesis.coordinates]
-    at = np.flatnonzero(gain)
+    at = [i for i, c in enumerate(fit.hypothesis.coordinates) if c.effect == "actuator_gain"]
     return bool((standard_errors(fit.spread, fit, others) > BENT * fit.spread)[at].any())
 
 

@@ -31,7 +31,7 @@ from sim2real.gain_over_frequency import Mechanics, apparent_gain
 from sim2real.late_current import in_words, lateness, without_current
 from sim2real.pooled_fit import fitted
 from sim2real.recorded.at_rest.static_evidence import AT_REST, StaticEstimate, drift_in_words, static_of
-from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.open_record import OpenRecord, along_instrument
 from sim2real.recorded.records import Record
 from sim2real.search.fit import Fit
 from sim2real.second_body import BODY, SecondBody, body_in_words, second_body_of, with_second_body
@@ -96,7 +96,7 @@ def pooled(
     if (bent := with_second_body(problem, fit)) is not None:
         progress("a second body")
         problem, fit, others = fitted(records, bent)
-    used, noisy = _told_by_drives(records, fit, others)
+    used, noisy, alone = _told_by_drives(records, fit, others)
     if noisy:
         problem, fit, others = fitted(used, fit, rest=False)
     whole, differ = along_both(rig, problem, fit, others)
@@ -109,11 +109,11 @@ def pooled(
             joint = coefficients_of(rig, *joined)
             contradictions = _pulled(joint, resting)
             if not contradictions:
-                (problem, fit, others), whole = joined, joint
+                (problem, fit, others), whole, alone = joined, joint, {}  # those begin at another fit
     if len(records) > 1:
         for record in records:
             progress(record.name)
-            of_each[record.name], _ = along_both(rig, *fitted([record], fit))
+            of_each[record.name], _ = along_both(rig, *(alone.get(record.name) or fitted([record], fit)))
         each = {c.name: [own for r in records for own in of_each[r.name] if own.name == c.name] for c in whole}
         for record in records:
             for name, text in _disagreements(record.name, of_each[record.name], whole).items():
@@ -144,21 +144,22 @@ def pooled(
 
 def _told_by_drives(
     records: Sequence[Record | OpenRecord], fit: Fit, others: Sequence[Fit]
-) -> tuple[Sequence[Record | OpenRecord], str | None]:
-    """The records that are fitted together, and a sentence on those that are left out.
+) -> tuple[Sequence[Record | OpenRecord], str | None, dict[str, tuple[Problem, Fit, list[Fit]]]]:
+    """The records that are fitted together, a sentence on those that are left out, and the fit of each alone, by name,
+    where it was asked for and begins at this fit.
 
     Where the fit seems to tell more of the gain than it does, because of noise in the measured drives, those records
     stay which alone tell as much as they seem to; all of them where none does.
     """
-    noisy = any(isinstance(r, OpenRecord) and r.instrument is not None for r in records)
-    if len(records) < 2 or not noisy or not overstated(fit, others):
-        return records, None
-    clear = [r for r in records if not overstated(*fitted([r], fit, rest=False)[1:])]
+    if len(records) < 2 or not any(map(along_instrument, records)) or not overstated(fit, others):
+        return records, None, {}
+    alone = {r.name: fitted([r], fit, rest=False) for r in records}
+    clear = [r for r in records if not overstated(*alone[r.name][1:])]
     if not clear or len(clear) == len(records):
-        return records, None
-    others = ", ".join(r.name for r in records if r not in clear)
+        return records, None, alone
+    noisy = ", ".join(r.name for r in records if r not in clear)
     why = "noise in what drives it tells more than what excites it"
-    return clear, f"{others}: not in the estimate of all, because {why}"
+    return clear, f"{noisy}: not in the estimate of all, because {why}", {}
 
 
 def without_stiffness(rig: Rig) -> str | None:

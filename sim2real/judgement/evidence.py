@@ -144,7 +144,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     on_one_line: dict[int, float] = {}
     _differentiate_simulated(attribution)
     for i, c in enumerate(candidates):
-        if len(c.effects) == 1 or not c.contradicted:
+        if c.possible:
             at = c.fit.hypothesis.point(c.fit.u)
             own = c.predictive + scatter_cost(p, c.fit) + stiffness_cost(at, rig)
             own += c.fit.hypothesis.beyond_stated(c.fit.u)
@@ -178,7 +178,7 @@ def _differentiate_simulated(attribution: Attribution) -> None:
 
     What their forms and further parameters cost is told by their Jacobian; without one, forms would be free.
     """
-    p, fits = attribution.problem, [c.fit for c in attribution.candidates if len(c.effects) == 1 or not c.contradicted]
+    p, fits = attribution.problem, [c.fit for c in attribution.candidates if c.possible]
     least = min((f.cost for f in fits), default=inf)
     simulated = [f for f in fits if f.jacobian is None and f.cost < least + NEAR_BEST]
     differentiate(simulated, p.data, p.simulate, True)
@@ -266,6 +266,6 @@ def _later(point: Point, name: str, names: Sequence[str], rig: Rig) -> float:
     A block whose stated time constant grew does lag, in one pole instead of two. One whose time constant fell by what
     the effect adds does not: both are one lag in another form.
     """
-    return (1 - SAME) * added_lag(point.effects, name, names, rig.effects) + getattr(
-        rig, REPLACED[name]
-    ) * point.changes.get(REPLACED[name], 0.0)
+    stated = REPLACED[name]
+    grown = getattr(rig, stated) * point.changes.get(stated, 0.0)
+    return (1 - SAME) * added_lag(point.effects, name, names, rig.effects) + grown

@@ -190,6 +190,11 @@ class OpenRecord:
         return found.reshape(*found.shape[:-2], -1)
 
 
+def along_instrument(record: object) -> bool:
+    """Whether a record is compared in the direction of its instrument alone."""
+    return isinstance(record, OpenRecord) and record.instrument is not None
+
+
 @dataclass(frozen=True)
 class Stretch:
     """The part of a recording that is simulated from `start` on, of which the first `settling` samples are not

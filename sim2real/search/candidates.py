@@ -35,6 +35,11 @@ class Candidate:
         return self.fit.hypothesis.contradicted(self.fit.u)
 
     @property
+    def possible(self) -> bool:
+        """Whether it may explain a gap: an effect alone may show that a tolerance is wrong, one of several may not."""
+        return len(self.effects) == 1 or not self.contradicted
+
+    @property
     def predictive(self) -> float:
         """Expected cost of further records of this kind: fitted cost plus twice the free parameters (Akaike 1974), as
         far as they are charged (`Fit.charged`).

@@ -11,7 +11,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.whole_gain import GAIN
-from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.open_record import along_instrument
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate
 
@@ -38,7 +38,7 @@ def held_aside(problem: Problem, fit: Fit) -> list[Fit]:
     on either side of the fit where it lies near: noise in the measured drive hides how far its valley goes on.
     """
     h, covariance, found = fit.hypothesis, fit.covariance(), []
-    along = any(isinstance(p.record, OpenRecord) and p.record.instrument is not None for p in problem.parts)
+    along = any(along_instrument(p.record) for p in problem.parts)
     for i, c in enumerate(h.coordinates):
         sd = float(np.sqrt(covariance[i, i]))
         for at in _asides(fit, i, sd, along):
