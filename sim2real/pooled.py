@@ -13,6 +13,7 @@ import numpy as np
 from scipy import stats
 
 from estimation.apparent_gain import ApparentGain
+from maglev_env.loop.effect import effect_value
 from maglev_env.rig.rig import Rig
 from sim2real.axes_apart import along_both
 from sim2real.coefficients import (
@@ -214,7 +215,7 @@ def _over_frequency(
         of, ("negative_stiffness", "support_stiffness", "damping")
     )
     known = Mechanics(
-        rig.mass,
+        rig.mass * (1 + effect_value(rig.effects, "mass")),
         rig.tolerance.get("mass", 0.0),
         pull + held,
         float(np.hypot(pull_se, held_se)),

@@ -146,7 +146,7 @@ def _separation(item: Item, base: Part, fits: Sequence[Fit]) -> tuple[float, tup
         moved = [aside(fit, i, step) for i, step in enumerate(own)]
         steps.append(np.array([v[i] - fit.u[i] for i, v in enumerate(moved)]))
         points += [fit.hypothesis.point(v) for v in moved]
-    predicted = (predict(points) * weights).reshape(len(points), -1)
+    predicted = (predict.smoothed(points) * weights).reshape(len(points), -1)
     at, found = 0, []
     for fit, own in zip(fits, steps, strict=True):
         rows = predicted[at : at + 1 + fit.hypothesis.size]

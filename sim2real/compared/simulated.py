@@ -34,7 +34,7 @@ SETTLED = 3e-5  # share of its initial size to which a transient must have decay
 MOST_TRANSIENT = 12  # periods
 # What noise smooths is simulated with the noise that the rig states, averaged over DITHER_PERIODS, or over as many
 # NOISES where nothing repeats, because the simulated noise is not that of the record.
-DITHER_PERIODS, NOISES = 6, 4
+DITHER_PERIODS, NOISES = 24, 4
 
 
 def substeps_of(record: Record | OpenRecord) -> int:

@@ -16,6 +16,9 @@ def with_effects(found: Sequence[Entry]) -> list[Entry]:
 def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
     """The verdict and the cause; in a class of alternatives a pair is written "a+b".
 
+    Effects that are many and improbable each are no reason to name one of them: what is named must be more probable,
+    with what is not distinguished from it, than that nothing acts.
+
     Returns:
         verdict: "no_gap", "explained", "ambiguous" or "unexplained".
         cause: Names of the effects.
@@ -23,11 +26,12 @@ def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
     mass = {kind: sum(e.probability for e in found if e.effects == (kind,)) for kind in (NONE, CALIBRATION, UNKNOWN)}
     named = with_effects(found)
     effects = sum(e.probability for e in named)
-    if mass[NONE] + mass[CALIBRATION] >= max(effects, mass[UNKNOWN]):
+    alike = alternatives(named)
+    if mass[NONE] + mass[CALIBRATION] >= max(sum(e.probability for e in alike), mass[UNKNOWN]):
         return "no_gap", ()
     if mass[UNKNOWN] >= effects or not named:
         return "unexplained", (UNKNOWN,)
-    return worded(alternatives(named))
+    return worded(alike)
 
 
 def alternatives(named: Sequence[Entry]) -> list[Entry]:

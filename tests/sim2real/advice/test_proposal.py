@@ -39,7 +39,7 @@ def asked(monkeypatch):
     calibration = begin([Hypothesis((), {})], [np.zeros(0)], problem.data, simulate)
     attribution = Attribution(0.0, tuple(map(Candidate, [*calibration, *fits])), 80.0, problem)
     monkeypatch.setattr(own, "menu", lambda _: [Item("another", 1.0, None, ("plant",), {"amplitude": 2.0})])
-    monkeypatch.setattr(own, "_look", lambda *_: (simulate, np.ones(40)))
+    monkeypatch.setattr(own, "_look", lambda *_: (SimpleNamespace(smoothed=simulate), np.ones(40)))
     return lambda *found: own.propose(attribution, found)
 
 
