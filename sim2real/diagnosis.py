@@ -140,6 +140,7 @@ def diagnose(
         evidence=weighed.evidence,
         late=late,
         gap_of_named=gap_of_named,
+        off_balance=next((r.off_balance for r in records if isinstance(r, OpenRecord) and r.off_balance), None),
     )
 
 

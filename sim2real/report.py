@@ -85,7 +85,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         if far := _far(diagnosis):
             return f"No effect is needed ({percent(sure)}), but the rig is not as stated: {', '.join(far)}."
         clear = f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})"
-        return f"{clear}{_from_current(diagnosis)}."
+        return f"{clear}{_from_current(diagnosis)}{_off_balance(diagnosis)}."
     left, unknown = diagnosis.leftover, probability.get((UNKNOWN,), 0.0)
     # Where the holdout refutes what is most probable, an unknown cause need not have become that.
     refuted = diagnosis.which[0].effects != (UNKNOWN,)
@@ -130,6 +130,11 @@ def _from_current(diagnosis: Diagnosis) -> str:
         said = " from the current on; what acts before it, such as a delay of the command, does not show in these "
         said += "recordings"
     return said if late is None else f"{said}; {late.briefly}"
+
+
+def _off_balance(diagnosis: Diagnosis) -> str:
+    """What the means contradict although the motion shows nothing; as the end of a sentence."""
+    return "" if diagnosis.off_balance is None else f" in the motion; but {diagnosis.off_balance}"
 
 
 def tempered(diagnosis: Diagnosis) -> str:

@@ -67,6 +67,8 @@ class Diagnosis:
         late: The clear time between displacement and drive that this has taken up; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
+        off_balance: What the mean of a recording lacks of carrying the weight, where that is much but no evidence, as a
+            clause.
     """
 
     verdict: str
@@ -92,6 +94,7 @@ class Diagnosis:
     evidence: Evidence | None = None
     late: Late | None = None
     gap_of_named: Gap | None = None
+    off_balance: str | None = None
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"

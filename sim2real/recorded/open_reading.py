@@ -48,6 +48,10 @@ STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a
 TOP = 0.2
 PASSES = 2  # of the simulation that tells how the rotor moves between samples
 NOTHING_FREE = "nothing in it is free of the noise that its unknown controller fed back into"
+OFF_BALANCE = (
+    "an offset of the current or of the displacement, the weight, or the force law; the motion does not tell which, "
+    "and the means are no evidence before the campaign states offset_tolerance of displacement and current"
+)
 METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
 
 
@@ -98,12 +102,12 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
             channels, instants = dict(ticks.channels), ticks.simulated
             drive = replace(drive, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
-        source = drive.source
+        source, off_balance = drive.source, None
         if source is not None and can_rest(rig):
             lacks = balancing(rig, channels[source], channels["displacement"])
             channels[source] = channels[source] + lacks
-            if rests is None:
-                notes += lacking_in_words(rig, source, lacks)
+            if rests is None and (off_balance := lacking_in_words(rig, source, lacks)) is not None:
+                notes.append(f"{off_balance}: {OFF_BALANCE}")
         waves = drive.driving(channels, instants).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
@@ -141,6 +145,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         channel_errors(spec),
         source,
         rests,
+        off_balance=off_balance,
         along=along and along.at(looked),
         instants=None if instants is None else between_ticks(instants, drive.every),
         notes=(*notes, *drive.notes, *stretch.notes),

@@ -61,6 +61,7 @@ class OpenRecord:
         errors: what may be wrong with its channels.
         source: channel from which the injection follows, "command" or "current"; None: none.
         rests: what its means say of a suspended mass; None: nothing.
+        off_balance: what a mean lacks of carrying the weight, where that is much but no evidence, as a clause.
         bias: (axes, n), what noise in the drive may add to the opened displacement; None: nothing.
         unsure: name -> (axes, n), standard deviations of that bias; one of the same name is the same in all recordings.
         told: (n,) whether a coordinate is compared; None: all are.
@@ -89,6 +90,7 @@ class OpenRecord:
     errors: tuple[ChannelError, ...] = ()
     source: str | None = None
     rests: Rests | None = None
+    off_balance: str | None = None
     bias: np.ndarray | None = None
     unsure: Mapping[str, np.ndarray] = field(default_factory=dict)
     told: np.ndarray | None = None

@@ -146,6 +146,10 @@ def entry(name, probability):
 def test_every_verdict_has_its_sentence():
     none = diagnosis(Point({}, {}), verdict="no_gap", cause=(), which=(entry("none", 0.7), entry("calibration", 0.25)))
     assert sentence(none) == "There is no gap beyond the noise and the rig's stated tolerances (95 %)."
+    leaning = replace(none, off_balance="the mean command is 0.09 A below what carries the weight")
+    assert sentence(leaning).endswith(
+        "(95 %) in the motion; but the mean command is 0.09 A below what carries the weight."
+    )
     far = diagnosis(Point({}, {"actuator_gain": 0.2}), verdict="no_gap", cause=(), which=none.which)
     assert sentence(far) == (
         "No effect is needed (95 %), but the rig is not as stated: actuator_gain +20 %, 4 tolerances off."

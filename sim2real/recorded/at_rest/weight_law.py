@@ -126,17 +126,15 @@ def balancing(rig: Rig, current: np.ndarray, displacement: np.ndarray) -> float:
     return lacks
 
 
-def lacking_in_words(rig: Rig, channel: str, lacks: float) -> list[str]:
-    """A note on what a mean current lacks (A, see `balancing`) where that is much.
+def lacking_in_words(rig: Rig, channel: str, lacks: float) -> str | None:
+    """What a mean current lacks (A, see `balancing`), as a clause; None where that is little.
 
     It is not evidence as long as nobody states how well the offsets of the channels are known.
     """
     share = lacks / abs(force_law(rig).bias_current)
     if abs(share) < LACKING:
-        return []
-    return [
+        return None
+    return (
         f"the mean {channel} is {abs(lacks):.3g} A ({abs(share):.0%} of the bias) {'below' if lacks > 0 else 'above'} "
-        "what the nominal magnet needs to carry the weight: an offset of the current or of the displacement, the "
-        "weight, or the force law; the motion does not tell which, and the means are no evidence before the campaign "
-        "states offset_tolerance of displacement and current"
-    ]
+        "what the nominal magnet needs to carry the weight"
+    )

@@ -102,11 +102,11 @@ def test_the_nominal_magnet_carries_the_weight_over_the_recorded_motion_whatever
 
 def test_a_mean_that_does_not_carry_the_weight_is_said():
     rest = np.zeros((1, 8))
-    (said,) = lacking_in_words(RIG, "command", balancing(RIG, rest - 0.08 * BIAS, rest))
+    said = lacking_in_words(RIG, "command", balancing(RIG, rest - 0.08 * BIAS, rest))
     assert f"the mean command is {0.08 * BIAS:.3g} A (8% of the bias) below what" in said
-    (said,) = lacking_in_words(RIG, "current", balancing(RIG, rest + 0.08 * BIAS, rest))
+    said = lacking_in_words(RIG, "current", balancing(RIG, rest + 0.08 * BIAS, rest))
     assert "above what" in said
-    assert not lacking_in_words(RIG, "command", balancing(RIG, rest + 0.04 * BIAS, rest))
+    assert lacking_in_words(RIG, "command", balancing(RIG, rest + 0.04 * BIAS, rest)) is None
 
 
 def test_gain_and_stiffness_grow_with_the_weight():
