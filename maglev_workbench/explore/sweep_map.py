@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from maglev_env.loop.gains import Controllers, gain_values, of_axis
+from maglev_env.rig.goal import MATCH
 from maglev_env.rig.rig import Rig
 
 MOST = 20_000  # gain sets; more would make the page slow
@@ -29,6 +30,7 @@ class SweepMap:
         gains: by name, in SI, one value a set.
         values: by quantity, in SI.
         best: index of the best set; None: no set is feasible.
+        note: a sentence where the sets were scored by another goal than the page's; else empty.
     """
 
     x: str
@@ -37,6 +39,7 @@ class SweepMap:
     gains: Mapping[str, list[float]]
     values: Mapping[str, list[float | None]]
     best: int | None
+    note: str = ""
 
     def gains_of(self, index: int) -> dict[str, float]:
         return {name: values[index] for name, values in self.gains.items()}
@@ -90,7 +93,16 @@ def read_sweep(path: Path, rigs: Sequence[Rig], controllers: Controllers) -> Swe
     best = int(np.where(feasible, dataset["score"].values, -np.inf).argmax()) if feasible.any() else None
     gains = {str(name): dataset[name].values.tolist() for name in known}
     values = {name: _known(dataset[name].values, feasible) for name in QUANTITIES}
-    return SweepMap(swept[0], swept[1], dataset.attrs.get("log") == "true", gains, values, best)
+    note = _other_goal(swept_rig.get("target", {}).get("goal", MATCH), rigs[0].target.goal)
+    return SweepMap(swept[0], swept[1], dataset.attrs.get("log") == "true", gains, values, best, note)
+
+
+def _other_goal(swept: str, shown: str) -> str:
+    """A sentence where a sweep was scored by another goal than the page shows; else empty."""
+    if swept == shown:
+        return ""
+    named = " ".join(swept.split())
+    return f"The sweep's scores, and so its best set, are by its own goal ({named}), not by the one of this page."
 
 
 def _differing(rig: Rig, swept: Mapping[str, Any], effects: Mapping[str, Any]) -> list[str]:

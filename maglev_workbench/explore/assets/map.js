@@ -28,7 +28,8 @@ export class SweepMap {
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "application");
     this.canvas.setAttribute("aria-label", "Map of the sweep; a click or the arrow keys take the gains of a set");
-    this.element.append(head, this.readout, this.canvas);
+    const note = Object.assign(document.createElement("p"), { className: "note", textContent: data.note });
+    this.element.append(head, ...(data.note ? [note] : []), this.readout, this.canvas);
     parent.prepend(this.element);
     this.canvas.addEventListener("click", (event) => this.take(this.nearest(event.offsetX, event.offsetY)));
     this.canvas.addEventListener("mousemove", (event) => this.say(this.nearest(event.offsetX, event.offsetY)));

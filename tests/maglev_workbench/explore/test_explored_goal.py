@@ -123,6 +123,16 @@ def test_a_sweep_is_of_the_page_or_of_the_rig_before_its_diagnosis(swept, tmp_pa
         assert read_sweep(tmp_path, [diagnosed, RIG], RIG.gains).best == 19
 
 
+def test_a_sweep_by_another_goal_says_so(swept, tmp_path):
+    assert read_sweep(swept, [RIG], RIG.gains).note == ""
+    other = with_goal(RIG, "peak_sensitivity <= 2,\nbest noise_current near 0.02")
+    assert "by its own goal (match), not" in read_sweep(swept, [other], RIG.gains).note
+    stored(tmp_path, swept, rig=as_stored(other))
+    note = read_sweep(tmp_path, [RIG], RIG.gains).note
+    assert "\n" not in note and "noise_current near 0.02" in note
+    assert read_sweep(tmp_path, [other], RIG.gains).note == ""
+
+
 def test_another_file_is_no_sweep(tmp_path):
     (tmp_path / "sweep.nc").write_text("not a sweep")
     with pytest.raises(ValueError, match=r"is not the sweep\.nc"):
