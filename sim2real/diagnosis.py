@@ -37,7 +37,7 @@ from sim2real.recorded.at_rest.static_evidence import drift_in_words
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
-from sim2real.result import Diagnosis, fitted_parameters
+from sim2real.result import OFFSET, Diagnosis, fitted_parameters
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.hypotheses import TONES
 
@@ -115,6 +115,8 @@ def diagnose(
     if late is not None:
         notes.append(late.in_words())
     hidden = unseen_by_all(records) | (frozenset() if late is None else late.effects)
+    if all(isinstance(r, OpenRecord) and r.lacks is not None for r in records):
+        hidden |= {OFFSET} - {name for e in named.kept for name in e.effects}
     speed = next(r.experiment.speed_rpm for r in records if r.role == "fit")
     return Diagnosis(
         verdict=named.verdict,

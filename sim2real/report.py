@@ -12,7 +12,7 @@ from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.verdict import CLASS_SHARE, with_effects
-from sim2real.result import Diagnosis, block_of, fitted_parameters
+from sim2real.result import OFFSET, Diagnosis, block_of, fitted_parameters
 from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, added_lag, dead_part, usual_tolerances
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
@@ -126,7 +126,7 @@ def _from_current(diagnosis: Diagnosis) -> str:
     the end of a sentence."""
     late = diagnosis.late
     said = ""
-    if set(diagnosis.unseen) - (frozenset() if late is None else late.effects):
+    if set(diagnosis.unseen) - {OFFSET} - (frozenset() if late is None else late.effects):
         said = " from the current on; what acts before it, such as a delay of the command, does not show in these "
         said += "recordings"
     return said if late is None else f"{said}; {late.briefly}"

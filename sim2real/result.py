@@ -30,6 +30,7 @@ from sim2real.search.hypotheses import Coordinate
 from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
+OFFSET = "actuator_offset"  # does not show where the mean of a suspended mass is no evidence
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ class Diagnosis:
         tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
             1 where it leaves no more than noise.
         free: What a free correction of a block adds where no effect explains the gap, or what is named leaves much.
-        unseen: Effects that do not show in any recording, because they act before the current that drives it, or look
-            like the time between two readings that nobody states.
+        unseen: Effects that do not show in any recording: they act before the current that drives it, or in a mean that
+            is no evidence of the weight, or look like the time between two readings that nobody states.
         likely: The hypotheses among which the truth is, by the fitted recordings alone, in 90 % of campaigns like those
             that taught the judge: of effects that show, each family of causes judged by what the others taught.
         rareness: Share of the campaigns of a known cause that left as much unexplained, with their number; None unless
@@ -171,6 +172,7 @@ class Diagnosis:
             "unexplained": None if self.leftover is None else self.leftover.to_json(),
             "tempering": self.tempering,
             "unseen": list(self.unseen),
+            "off_balance": self.off_balance,
             "notes": list(self.notes),
             "left_out": left_out_data(self.campaign.left_out),
             "seconds": self.seconds,

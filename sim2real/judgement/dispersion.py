@@ -127,7 +127,7 @@ def _among_recordings(problem: Problem, fit: Fit) -> ChiSquare:
     """
     h = fit.hypothesis
     coordinates = zip(h.coordinates, fit.u, strict=False)
-    free = np.array([not c.at_bound(float(u)) for c, u in coordinates] + [True] * len(h.calibrated))
+    free = np.array([not c.at_bound(float(u)) for c, u in coordinates] + [True] * len(h.calibrated), bool)
     places = [part.place for part in problem.parts]
     places.append(slice(places[-1].stop, fit.residual.size))  # the means
     prior, saved, told = np.diag(fit.prior[free]), 0.0, 0.0

@@ -67,10 +67,11 @@ def _in_time(part: Part, coordinates: np.ndarray) -> np.ndarray:
     """Whitened coordinates (n, K) as series (n, outputs * axes, samples); their products sum to those of the lines."""
     record = part.record
     whole = np.zeros((len(coordinates), *part.measured.shape), complex)
-    whole[..., part.used] = coordinates.reshape(len(coordinates), *part.measured.shape[:2], -1)
+    count = int(part.used.sum())
+    whole[..., part.used] = coordinates.reshape(len(coordinates), *part.measured.shape[:2], count)
     w = record.windows
     lines = w.lines(whole.reshape(*whole.shape[:-1], w.count, KEPT))
     spectrum = np.zeros((*lines.shape[:-2], w.samples // 2 + 1), complex)
-    spectrum[..., w.first : w.first + w.count * WIDTH] = lines.reshape(*lines.shape[:-2], -1)
+    spectrum[..., w.first : w.first + w.count * WIDTH] = lines.reshape(*lines.shape[:-2], w.count * WIDTH)
     series = np.asarray(scipy.fft.irfft(spectrum, w.samples, axis=-1)) * np.sqrt(w.samples / 2)
-    return series.reshape(len(coordinates), -1, w.samples)
+    return series.reshape(len(coordinates), int(np.prod(part.measured.shape[:2])), w.samples)

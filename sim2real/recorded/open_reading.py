@@ -50,7 +50,11 @@ PASSES = 2  # of the simulation that tells how the rotor moves between samples
 NOTHING_FREE = "nothing in it is free of the noise that its unknown controller fed back into"
 OFF_BALANCE = (
     "an offset of the current or of the displacement, the weight, or the force law; the motion does not tell which, "
-    "and the means are no evidence before the campaign states offset_tolerance of displacement and current"
+    "and the means are no evidence before {asked}"
+)
+STATED, RECORDED = (
+    "the campaign states offset_tolerance of displacement and current",
+    "the current is recorded, and the campaign states offset_tolerance of displacement and current",
 )
 METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
 
@@ -102,12 +106,14 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
             channels, instants = dict(ticks.channels), ticks.simulated
             drive = replace(drive, notes=(*drive.notes, AT_TICKS))
         channels = {kind: values[:, :: drive.multiple] for kind, values in channels.items()}
-        source, off_balance = drive.source, None
+        source, lacks = drive.source, None
         if source is not None and can_rest(rig):
-            lacks = balancing(rig, channels[source], channels["displacement"])
-            channels[source] = channels[source] + lacks
-            if rests is None and (off_balance := lacking_in_words(rig, source, lacks)) is not None:
-                notes.append(f"{off_balance}: {OFF_BALANCE}")
+            added = balancing(rig, channels[source], channels["displacement"])
+            channels[source] = channels[source] + added
+            lacks = added if rests is None else None
+            if lacks is not None and (said := lacking_in_words(rig, source, lacks)) is not None:
+                asked = STATED if "current" in spec.channels else RECORDED
+                notes.append(f"{said}: {OFF_BALANCE.format(asked=asked)}")
         waves = drive.driving(channels, instants).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
         if not np.ptp(known, axis=1).any():
@@ -145,7 +151,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         channel_errors(spec),
         source,
         rests,
-        off_balance=off_balance,
+        lacks=lacks,
         along=along and along.at(looked),
         instants=None if instants is None else between_ticks(instants, drive.every),
         notes=(*notes, *drive.notes, *stretch.notes),

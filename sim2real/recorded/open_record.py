@@ -24,6 +24,7 @@ from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.along_motion import AlongMotion
 from sim2real.recorded.at_rest.static_evidence import Rests
+from sim2real.recorded.at_rest.weight_law import lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError
 
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
@@ -61,7 +62,8 @@ class OpenRecord:
         errors: what may be wrong with its channels.
         source: channel from which the injection follows, "command" or "current"; None: none.
         rests: what its means say of a suspended mass; None: nothing.
-        off_balance: what a mean lacks of carrying the weight, where that is much but no evidence, as a clause.
+        lacks: what the mean of its source lacked of carrying the weight, A, and was added, because nobody says how well
+            the zeros of the channels are known; None: the mean is evidence, or there is no weight.
         bias: (axes, n), what noise in the drive may add to the opened displacement; None: nothing.
         unsure: name -> (axes, n), standard deviations of that bias; one of the same name is the same in all recordings.
         told: (n,) whether a coordinate is compared; None: all are.
@@ -90,7 +92,7 @@ class OpenRecord:
     errors: tuple[ChannelError, ...] = ()
     source: str | None = None
     rests: Rests | None = None
-    off_balance: str | None = None
+    lacks: float | None = None
     bias: np.ndarray | None = None
     unsure: Mapping[str, np.ndarray] = field(default_factory=dict)
     told: np.ndarray | None = None
@@ -106,6 +108,13 @@ class OpenRecord:
     @property
     def axes(self) -> int:
         return self.experiment.rig.axes
+
+    @property
+    def off_balance(self) -> str | None:
+        """What its mean lacks of carrying the weight, where that is much but no evidence, as a clause."""
+        return (
+            None if self.lacks is None or not self.source else lacking_in_words(self.nominal, self.source, self.lacks)
+        )
 
     @property
     def slower_than_controller(self) -> bool:
