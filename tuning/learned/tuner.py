@@ -21,10 +21,10 @@ JITTER = 0.03  # noise around the policy's point that separates points asked for
 class LearnedTuner:
     """Tries the episode's safe start, then what the policy computes from all observations so far.
 
-    When it has as many observations as it was trained with, it tries the surroundings of the best-scored point. Where
-    an observation at gains that the policy chose lies farther from the mean of the training than nearly all
-    observations did there (`familiar.SHARE`), the policy is out of its depth: the model-corrected tuner goes on with
-    all experiments so far, and `note` says so.
+    With as many observations as it was trained with, the policy has said what it can. Where an observation at gains
+    that it chose lies farther from the mean of the training than nearly all observations did there
+    (`familiar.SHARE`), it is out of its depth. In both cases the model-corrected tuner goes on with all experiments so
+    far, and `note` says so.
     """
 
     note: str | None = None
@@ -47,16 +47,9 @@ class LearnedTuner:
     def ask(self, n: int) -> np.ndarray:
         if self._corrected is not None:
             return self._corrected.ask(n)
-        history = self._policy.shape.history
-        if self._told is None:
-            first = self._start
-        elif len(self._told) < history:
-            first = self._policy.act(self._seen[None])[0]
-        else:
-            first = self._told.points[self._told.best]
+        first = self._start if self._told is None else self._policy.act(self._seen[None])[0]
         points = first + JITTER * self._rng.standard_normal((n, first.size))
-        if self._told is None or len(self._told) < history:
-            points[0] = first
+        points[0] = first
         return np.clip(points, -1.0, 1.0)
 
     def tell(self, trials: Trials) -> None:
@@ -70,19 +63,30 @@ class LearnedTuner:
         count, history = len(self._seen) + 1 + np.arange(len(trials)), self._policy.shape.history
         seen[:, self._left] = np.clip(1 - 2 * count / history, -1, 1)
         self._seen = np.concatenate([self._seen, seen])
-        known = self._policy.familiar
-        if known is None or before is None:  # the first gains are the episode's, however many were asked for together
-            return
-        far = known.distance(seen)
-        if far[row := int(far.argmax())] > known.limit:
-            self.note = (
-                f"the policy is out of its depth: experiment {count[row]} lies {far[row]:.1f} standard deviations from "
-                f"the mean of its training ({SHARE:.0%} of that within {known.limit:.1f}); the model-corrected tuner "
-                "goes on"
-            )
+        # The first gains are the episode's, however many were asked for together.
+        why = None if before is None else self._out_of_depth(seen, count)
+        if why is None and len(self._told) >= history:
+            why = f"the policy was trained for {history} experiments"
+        if why is not None:
+            self.note = f"{why}; the model-corrected tuner goes on"
             self._corrected = ModelCorrected(self._task, self._episode, self._seed)
-            self._corrected.tell(before)
-            self._corrected.tell(trials)
+            for told in (before, trials):
+                if told is not None:
+                    self._corrected.tell(told)
+
+    def _out_of_depth(self, seen: np.ndarray, count: np.ndarray) -> str | None:
+        """A clause where one of these observations (n, size) is strange to the policy; count: numbers of them (n,)."""
+        known = self._policy.familiar
+        if known is None:
+            return None
+        far = known.distance(seen)
+        row = int(far.argmax())
+        if far[row] <= known.limit:
+            return None
+        return (
+            f"the policy is out of its depth: experiment {count[row]} lies {far[row]:.1f} standard deviations from the "
+            f"mean of its training ({SHARE:.0%} of that within {known.limit:.1f})"
+        )
 
 
 @cache

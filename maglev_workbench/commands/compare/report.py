@@ -29,7 +29,7 @@ HOW_TO_READ = (
     "budget; tpe and gp draw their first ten gain sets at random, as Optuna has it. @preset: begins at the rig's own "
     "gains, with small steps; @rule: likewise at the third step of the dissertation's rule, which begins at the rig's "
     "own gains; model begins at these, too, every other tuner between them and random gains. learned gives way to "
-    "model where what it observes lies outside its training."
+    "model where what it observes lies outside its training, and after as many experiments as it was trained for."
 )
 
 
