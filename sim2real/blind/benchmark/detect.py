@@ -1,9 +1,11 @@
-"""How much an effect shows in a campaign's recordings: differences of noise-free simulations against the noise.
+"""How much an effect shows in a campaign's recordings: differences of mean simulations against the noise.
 
-Noise spectra come from noisy simulations of the same rig without the effect, smoothed over neighbouring frequencies,
-with the covariance of the channels. A difference is calibrated away as far as the tolerances allow. What remains is
-tested with FREEDOM degrees of freedom, the calibration itself with one for each parameter; at the threshold, the more
-sensitive of these 1 % chi-square tests has a power of one half.
+A mean is a simulation without noise; of an effect that acts at random, or otherwise where noise moves the loop, it is
+the mean over draws, which are the same with the effect and without. Noise spectra come from noisy simulations of the
+same rig without the effect, smoothed over neighbouring frequencies, with the covariance of the channels. A difference
+is calibrated away as far as the tolerances allow. What remains is tested with FREEDOM degrees of freedom, the
+calibration itself with one for each parameter; at the threshold, the more sensitive of these 1 % chi-square tests has a
+power of one half.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,8 +19,8 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
 from sim2real.blind.benchmark import at
-from sim2real.blind.benchmark.kinds import Kind
-from sim2real.blind.benchmark.simulate import FEW_STEPS, LoopFailed, Recording, Truth, simulate
+from sim2real.blind.benchmark.kinds import KINDS, Kind
+from sim2real.blind.benchmark.simulate import FEW_STEPS, LoopFailed, Recording, Truth, simulate, smoothed
 
 FREEDOM = 500
 LEVEL, POWER = 0.01, 0.5
@@ -31,7 +33,10 @@ NOMINAL = {  # values of effects that move nothing but a parameter of the rig
     at.SUPPORT: "support_stiffness",
 }
 FAR, RECALIBRATIONS = 2.0, 4  # standard deviations beyond which a linear calibration will not do, and its repetitions
+RANDOM = frozenset(kind.value for kind in KINDS.values() if kind.random)
+ROUGH = frozenset(kind.value for kind in KINDS.values() if kind.rough)
 _PAIRS = 2  # of noisy simulations
+_DROPS = 2  # draws of lost commands in an estimate of their mean
 _NEIGHBOURS = 31  # frequencies that share a covariance
 
 
@@ -56,6 +61,7 @@ class Detector:
         self.recordings = [r for r in recordings if r.role == "fit"]
         self.names = ("displacement", "current") if with_current else ("displacement",)
         self.seed = seed
+        self._smoothed: dict[tuple[int, int], np.ndarray] = {}  # as `_base`, by recording and draw of the noise
 
     @cached_property
     def _base(self) -> list[np.ndarray]:
@@ -85,44 +91,82 @@ class Detector:
         return np.array(rows)
 
     def _spectrum(self, truth: Truth, r: Recording, seed: int | None = None, drops: int = 0) -> np.ndarray:
-        found = simulate(truth, r, seed, drops, FEW_STEPS)
+        return self._of(simulate(truth, r, seed, drops, FEW_STEPS))
+
+    def _of(self, found: Mapping[str, np.ndarray]) -> np.ndarray:
         # Means depend on zero errors of channels and on static loads, of which no campaign states anything.
         return np.fft.rfft(np.hstack([found[name] for name in self.names]), axis=0)[1:]
 
-    def difference(self, other: Truth, drops: int = 0) -> np.ndarray:
+    def _base_at(self, number: int, draw: int) -> np.ndarray:
+        if (number, draw) not in self._smoothed:
+            found = smoothed(self.truth, self.recordings[number], draw, 0, FEW_STEPS)
+            self._smoothed[number, draw] = self._of(found)
+        return self._smoothed[number, draw]
+
+    def difference(self, other: Truth, drops: int = 0, draw: int | None = None) -> np.ndarray:
         """Whitened difference of another rig from the true one (values,).
+
+        Args:
+            other: The other rig.
+            drops: Seed of which commands are lost.
+            draw: Of the noise that moves both; None: without noise.
 
         Raises:
             LoopFailed: It touches its stops.
         """
         parts = []
-        for r, base, whitening in zip(self.recordings, self._base, self._whitening, strict=True):
-            part = np.einsum("fij,fj->fi", whitening, self._spectrum(other, r, None, drops) - base)
+        for n, (r, whitening) in enumerate(zip(self.recordings, self._whitening, strict=True)):
+            if draw is None:
+                moved = self._spectrum(other, r, None, drops) - self._base[n]
+            else:
+                moved = self._of(smoothed(other, r, draw, drops, FEW_STEPS)) - self._base_at(n, draw)
+            part = np.einsum("fij,fj->fi", whitening, moved)
             parts += [part.real.ravel(), part.imag.ravel()]
         return np.concatenate(parts)
 
-    def with_effects(self, values: Mapping[int, float], drops: int = 0, theta: Sequence[float] = ()) -> np.ndarray:
-        """`difference` of the true rig with effects, its uncertain parameters moved by theta standard deviations."""
-        off = dict(self.truth.deviations)
-        for (name, tolerance), moved in zip(self.truth.rig.tolerance.items(), theta, strict=False):
-            off[name] = off.get(name, 0.0) + tolerance * moved
-        return self.difference(replace(self.truth, deviations=off, effects=values), drops)
-
-    def calibrated(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What calibration leaves of a whitened difference, and the parameters it moves, in standard deviations."""
-        rows = self.calibration
-        theta = np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ d)
-        return d - theta @ rows, theta
-
-    def strength(self, values: Mapping[int, float], random: bool = False) -> float:
-        """How strongly effects show: 1 at the threshold, growing with the square of a small effect.
+    def with_effects(self, values: Mapping[int, float], theta: Sequence[float] = ()) -> np.ndarray:
+        """Differences of the true rig with effects, its uncertain parameters moved by theta standard deviations.
 
         Args:
             values: Values of the effects.
-            random: They act at random: the mean effect is that which two draws have in common.
+            theta: How far the parameters are moved.
+
+        Returns:
+            (1, values), or where chance has a part two estimates of the mean difference (2, values). Their errors are
+            independent, so that the product of the one and the other is right in the mean.
+
+        Raises:
+            LoopFailed: The rig touches its stops.
         """
-        draws = [self.with_effects(values, drops) for drops in range(2 if random else 1)]
-        (one, theta), (other, theta2) = (self.recalibrated(d) for d in (draws[0], draws[-1]))
+        off = dict(self.truth.deviations)
+        for (name, tolerance), moved in zip(self.truth.rig.tolerance.items(), theta, strict=False):
+            off[name] = off.get(name, 0.0) + tolerance * moved
+        other = replace(self.truth, deviations=off, effects=values)
+        random, rough = not RANDOM.isdisjoint(values), not ROUGH.isdisjoint(values)
+        draws = range(2 if random or rough else 1)
+        return np.array([self._mean(other, draw, random, rough) for draw in draws])
+
+    def _mean(self, other: Truth, draw: int, random: bool, rough: bool) -> np.ndarray:
+        drops = range(_DROPS * draw, _DROPS * (draw + 1)) if random else [0]
+        return np.mean([self.difference(other, d, draw if rough else None) for d in drops], axis=0)
+
+    def calibrated(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What calibration leaves of whitened differences (..., values), and the parameters it moves.
+
+        These (..., parameters) are in standard deviations.
+        """
+        rows = self.calibration
+        theta = np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ d.T).T
+        return d - theta @ rows, theta
+
+    def strength(self, values: Mapping[int, float]) -> float:
+        """How strongly effects with these values show: 1 at the threshold, growing with the square of a small effect.
+
+        Raises:
+            LoopFailed: The rig touches its stops.
+        """
+        found = [self.recalibrated(d) for d in self.with_effects(values)]
+        (one, theta), (other, theta2) = found[0], found[-1]
         return max(one @ other / critical(FREEDOM), theta @ theta2 / critical(len(theta)), 0.0)
 
     def recalibrated(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,9 +180,9 @@ class Detector:
         if theta @ theta <= FAR**2:
             return rest, theta
         for _ in range(RECALIBRATIONS):
-            rest = d - self.with_effects({}, theta=theta)
+            rest = d - self.with_effects({}, theta)[0]
             theta = theta + np.linalg.solve(rows @ rows.T + np.eye(len(rows)), rows @ rest - theta)
-        return d - self.with_effects({}, theta=theta), theta
+        return d - self.with_effects({}, theta)[0], theta
 
 
 def _smoothed(x: np.ndarray) -> np.ndarray:
@@ -150,7 +194,7 @@ def threshold(detector: Detector, kind: Kind, sign: float, others: Mapping[int, 
     """(size at the threshold, largest size at which the loop still stands) of a kind, both positive."""
 
     def strength(size: float) -> float:
-        return detector.strength(kind.values(detector.truth.rig, sign * size, others), kind.random)
+        return detector.strength(kind.values(detector.truth.rig, sign * size, others))
 
     size, most, above = kind.most, 0.0, None
     for _ in range(14):

@@ -34,6 +34,8 @@ class Kind:
         inverse: A limit: the smaller the value, the larger the effect.
         spins: It needs a rotor that turns.
         random: It acts at random, so that its mean is taken over draws.
+        rough: It acts otherwise where noise moves the loop, so that its mean is taken over draws of the noise. The
+            others act with noise as without, to less than a tenth of their strength.
     """
 
     block: str
@@ -46,6 +48,7 @@ class Kind:
     inverse: bool = False
     spins: bool = False
     random: bool = False
+    rough: bool = False
 
     def values(self, rig: BenchRig, size: float, others: Mapping[int, float]) -> dict[int, float]:
         """Values of the simulated loop, by index, with an effect of this size (of either sign)."""
@@ -115,10 +118,10 @@ def _linkage(rig: BenchRig, rng: np.random.Generator) -> dict[int, float]:
 # the mean current no campaign states the zero.
 VOCABULARY: Mapping[str, Kind] = {
     "delay": Kind("controller", at.DELAY, _seconds(0.1)),
-    "deadband": Kind("controller", at.DEADBAND, _amperes(0.02)),
+    "deadband": Kind("controller", at.DEADBAND, _amperes(0.02), rough=True),
     "dropped_samples": Kind("controller", at.DROPS, _relative(0.15), False, 3.0, random=True),
     "amplifier_lag": Kind("amplifier", at.LAG, _seconds(0.1)),
-    "amplifier_voltage_limit": Kind("amplifier", at.VOLTAGE, _relative(1.0), most=20.0, inverse=True),
+    "amplifier_voltage_limit": Kind("amplifier", at.VOLTAGE, _relative(1.0), most=20.0, inverse=True, rough=True),
     "actuator_gain": Kind("actuator", at.GAIN, _relative(0.2), True, 1.4),
     "asymmetric_gain": Kind("actuator", at.ASYMMETRY, _relative(0.1), True),
     "gain_drift": Kind(
@@ -135,6 +138,7 @@ VOCABULARY: Mapping[str, Kind] = {
         False,
         5.0,
         lambda rig, rng: {at.WIDTH: rig.parameters["bias_current"] * log_uniform(rng, 0.01, 0.05)},
+        rough=True,
     ),
     "saturation": Kind(
         "actuator",

@@ -1,9 +1,9 @@
 """What no method could have told: other explanations that the noise of a campaign does not reject.
 
-The oracle knows the generator. Against the true mean of the recordings it fits every kind of the vocabulary, alone and,
-for a pair, beside either of its effects, with the size free and other values as in the truth or drawn. An explanation
-whose squared distance, in units of the noise and after calibration, is below that of a 1 % test of one parameter with a
-power of one half is a rival of the truth.
+The oracle knows the generator. Against the true mean of the recordings (see `detect`) it fits every kind of the
+vocabulary, alone and, for a pair, beside either of its effects, with the size free and other values as in the truth or
+drawn. An explanation whose squared distance, in units of the noise and after calibration, is below that of a 1 % test
+of one parameter with a power of one half is a rival of the truth.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +23,6 @@ SIZES = (0.3, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5)  # of the one with the strength of t
 REFINED = 8  # nearest explanations that are fitted
 STEPS, GROWTH, START = 5, 1.03, 0.3  # of such a fit, of a size for its derivative, and share of the largest size
 DRAWS = 3  # of a rival's other values
-_MEANS = 4  # draws that are averaged of what acts at random
 TONES: Mapping[str, int] = {  # and the value that turns their phase
     "runout": at.RUNOUT_PHASE,
     "unbalance": at.ANGLE,
@@ -35,20 +34,33 @@ _ROLES = ((at.BODY, at.MOUNT), (at.BODY_DAMPING, at.MOUNT_DAMPING), (at.MAINS, a
 Values = Mapping[int, float]
 
 
+def _middle(d: np.ndarray) -> np.ndarray:
+    """The mean of the estimates of a difference (1, n)."""
+    return d.mean(axis=0, keepdims=True)
+
+
+def _product(one: np.ndarray, other: np.ndarray) -> float:
+    """Inner product of differences as `Detector.with_effects` gives them, (1, n) or (2, n) each.
+
+    Where both have two estimates, their errors do not add to it.
+    """
+    return 0.5 * float(one[0] @ other[-1] + one[-1] @ other[0])
+
+
 class _Metric:
     """Inner products of whitened differences that calibration, and some directions, cannot take up."""
 
     def __init__(self, detector: Detector, free: Sequence[np.ndarray] = ()):
-        rows = [detector.calibrated(f)[0] for f in free]
+        rows = [detector.calibrated(_middle(f))[0][0] for f in free]
         self.detector = detector
         self.free = np.linalg.qr(np.array(rows).T)[0].T if rows else np.zeros((0, 1))
 
     def left(self, d: np.ndarray) -> np.ndarray:
-        """What is left of a difference (values + parameters,): its squared norm is the distance."""
+        """What is left of a difference (1 or 2, values + parameters): its product with itself is the distance."""
         rest, theta = self.detector.calibrated(d)
         if len(self.free):
-            rest = rest - (self.free @ rest) @ self.free
-        return np.concatenate([rest, theta])
+            rest = rest - (rest @ self.free.T) @ self.free
+        return np.concatenate([rest, theta], axis=1)
 
 
 def rivals(detector: Detector, found: Mapping[str, Values], seed: int) -> list[dict]:
@@ -66,14 +78,14 @@ def rivals(detector: Detector, found: Mapping[str, Values], seed: int) -> list[d
         return []
     rng = np.random.default_rng([seed, 7])
     together = _sum(found.values())
-    truth = _mean(detector, together, any(_random(name) for name in found))
-    alone = {name: _mean(detector, values, _random(name)) for name, values in found.items()} if len(found) > 1 else {}
+    truth = detector.with_effects(together)
+    alone = {name: detector.with_effects(values) for name, values in found.items()} if len(found) > 1 else {}
     metrics = {(): _Metric(detector), **{(name,): _Metric(detector, [d]) for name, d in alone.items()}}
     targets = {beside: metric.left(truth) for beside, metric in metrics.items()}
     own = {beside: [_Part.of(detector, name, found[name]) for name in beside] for beside in metrics}
     near: dict[frozenset[str], tuple[float, list[_Part]]] = {}
     for beside, target in targets.items():
-        near[frozenset(beside or {"none"})] = float(target @ target), own[beside]
+        near[frozenset(beside or {"none"})] = _product(target, target), own[beside]
     for name in known_on(detector.truth.rig.family):
         if name in TONES and not set(found) & set(TONES):
             continue
@@ -126,15 +138,15 @@ def _refined(detector: Detector, truth: np.ndarray, parts: Sequence[_Part]) -> f
 
     def shown(some: Sequence[_Part]) -> np.ndarray:
         values = _sum(p.kind.values(rig, p.size, p.others) for p in some)
-        return _mean(detector, values, any(p.kind.random for p in some), theta)
+        return detector.with_effects(values, theta)
 
     try:
         for _ in range(STEPS):
             d = shown(parts)
             rest = truth - d
-            least = min(least, float(rest @ rest + theta @ theta))
+            least = min(least, _product(rest, rest) + float(theta @ theta))
             grown = [shown([*parts[:n], p.grown(GROWTH), *parts[n + 1 :]]) - d for n, p in enumerate(parts)]
-            columns = np.vstack([rows, *(g[None] / (GROWTH - 1) for g in grown)])
+            columns, rest = np.vstack([rows, *(_middle(g) / (GROWTH - 1) for g in grown)]), _middle(rest)[0]
             prior = np.concatenate([np.ones(len(theta)), np.full(len(parts), 1e-9)])
             step = np.linalg.solve(
                 columns @ columns.T + np.diag(prior), columns @ rest - np.concatenate([theta, np.zeros(len(parts))])
@@ -154,15 +166,6 @@ def _sum(parts) -> dict[int, float]:
     return total
 
 
-def _random(name: str) -> bool:
-    return name in VOCABULARY and VOCABULARY[name].random
-
-
-def _mean(detector: Detector, values: Values, random: bool, theta: Sequence[float] = ()) -> np.ndarray:
-    draws = [detector.with_effects(values, drops, theta) for drops in range(_MEANS if random else 1)]
-    return np.mean(draws, axis=0)
-
-
 def _curves(
     detector: Detector, name: str, true: Values, truth: np.ndarray, rng: np.random.Generator
 ) -> Iterator[list[tuple[np.ndarray, _Part]]]:
@@ -170,6 +173,7 @@ def _curves(
     kind, rig = VOCABULARY[name], detector.truth.rig
     metric = _Metric(detector)
     target = metric.left(truth)
+    total = max(_product(target, target), 0.0)  # estimates of nothing may have a product below zero
     for others in _choices(detector, name, kind, true, rng):
         try:
             if name in TONES:
@@ -179,15 +183,15 @@ def _curves(
                 continue
             size, sign = 0.2 * kind.most, 1.0
             for _ in range(3):  # towards the strength of the truth
-                one = metric.left(_mean(detector, kind.values(rig, sign * size, others), kind.random))
-                strength, along = float(one @ one), float(one @ target)
+                one = metric.left(detector.with_effects(kind.values(rig, sign * size, others)))
+                strength, along = _product(one, one), _product(one, target)
                 if kind.signed and along < 0:
                     sign = -sign
-                wanted = size * sqrt(float(target @ target) / max(strength, 1e-12))
+                wanted = size * sqrt(total / max(strength, 1e-12))
                 if 0.7 < wanted / size < 1.4:
                     break
                 size = min(max(wanted, size / 30, 1e-5), size * 30, kind.most)
-            if along**2 < ALIKE * strength * float(target @ target):
+            if along**2 < ALIKE * strength * total:
                 continue
         except LoopFailed:
             continue
@@ -196,7 +200,7 @@ def _curves(
             if share * size <= kind.most:
                 part = _Part(kind, sign * share * size, others)
                 try:
-                    curve.append((_mean(detector, kind.values(rig, part.size, others), kind.random), part))
+                    curve.append((detector.with_effects(kind.values(rig, part.size, others)), part))
                 except LoopFailed:
                     break
         yield curve
@@ -224,15 +228,15 @@ def _choices(
 def _nearest(target: np.ndarray, curve: Sequence[tuple[np.ndarray, _Part]], plane: bool) -> tuple[float, _Part | None]:
     """Squared distance of a target from a plane, or from a polygon that begins at zero, and the part at its corner."""
     if plane:
-        basis = np.linalg.qr(np.array([d for d, _ in curve]).T)[0]
-        rest = target - basis @ (basis.T @ target)
-        return float(rest @ rest), None
-    least, nearest, before = float(target @ target), None, np.zeros_like(target)
+        basis = np.linalg.qr(np.concatenate([_middle(d) for d, _ in curve]).T)[0]
+        rest = target - (target @ basis) @ basis.T
+        return _product(rest, rest), None
+    least, nearest, before = _product(target, target), None, np.zeros_like(target)
     for point, part in curve:
         step = point - before
-        share = min(max(float(step @ (target - before)) / max(float(step @ step), 1e-12), 0.0), 1.0)
+        share = min(max(_product(step, target - before) / max(_product(step, step), 1e-12), 0.0), 1.0)
         rest = target - before - share * step
-        if (found := float(rest @ rest)) < least:
+        if (found := _product(rest, rest)) < least:
             least, nearest = found, part
         before = point
     return least, nearest

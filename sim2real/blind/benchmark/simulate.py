@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import ceil
+from math import ceil, sqrt
 
 import numpy as np
 
@@ -124,22 +124,60 @@ def simulate(
     Raises:
         LoopFailed: The rotor touched its stops.
     """
-    rig = truth.rig
-    p = truth.values(recording.speed, recording.angle)
-    lead = ceil(LEAD / rig.bandwidth * p[at.RATE])
-    driven = recording.drive.channels(rig.axes)
+    rig, driven = truth.rig, recording.drive.channels(truth.rig.axes)
     shape = driven["force"].shape
     rng = np.random.default_rng(seed)
     noise = np.zeros(shape) if seed is None else rig.noise["displacement"] * rng.standard_normal(shape)
-    lost = np.random.default_rng([drops, 1]).random(shape[0]) < p[at.DROPS]
+    found = _run(truth, recording, driven, noise, drops, seed is not None, steps)
+    if seed is not None:
+        found["current"] = found["current"] + rig.noise["current"] * rng.standard_normal(shape)
+        driven["force"] = driven["force"] + rig.noise.get("force", 0.0) * rng.standard_normal(shape)
+    return {**found, **driven}
+
+
+def smoothed(truth: Truth, recording: Recording, seed: int, drops: int, steps: int) -> dict[str, np.ndarray]:
+    """Mean of displacement, command and current (samples, axes) over one noise in the loop and its opposite.
+
+    Noise moves a loop to and fro across what is not smooth, which makes this act less, or otherwise, in the mean. What
+    is linear in the noise cancels, so that few draws give the mean. Rounding is noise of the same variance.
+
+    Args:
+        truth: The rig.
+        recording: The experiment.
+        seed: Of the noise of reading and command.
+        drops: Seed of which commands are lost.
+        steps: Runge-Kutta steps in a control period.
+
+    Raises:
+        LoopFailed: The rotor touched its stops.
+    """
+    rig, driven = truth.rig, recording.drive.channels(truth.rig.axes)
+    rng, shape = np.random.default_rng([seed, 2]), driven["force"].shape
+    noise = np.hypot(rig.noise["displacement"], rig.counts["displacement"] / sqrt(12)) * rng.standard_normal(shape)
+    rounded = rig.counts["command"] / sqrt(12) * rng.standard_normal(shape)
+    pair = []
+    for sign in (1.0, -1.0):
+        moved = {**driven, "injection": driven["injection"] + sign * rounded}
+        pair.append(_run(truth, recording, moved, sign * noise, drops, False, steps))
+    return {name: 0.5 * (pair[0][name] + pair[1][name]) for name in pair[0]}
+
+
+def _run(
+    truth: Truth,
+    recording: Recording,
+    driven: Mapping[str, np.ndarray],
+    noise: np.ndarray,
+    drops: int,
+    quantised: bool,
+    steps: int,
+) -> dict[str, np.ndarray]:
+    p = truth.values(recording.speed, recording.angle)
+    lead = ceil(LEAD / truth.rig.bandwidth * p[at.RATE])
+    lost = np.random.default_rng([drops, 1]).random(noise.shape[0]) < p[at.DROPS]
     b, c = recording.controller.coefficients()
     inputs = (driven["reference"], driven["injection"], driven["force"], noise)
     rested = [np.pad(x, ((lead, 0), (0, 0))) for x in inputs]
-    *channels, stood = run(p, b, c, *rested, np.pad(lost, (lead, 0)), seed is not None, steps, lead)
+    *channels, stood = run(p, b, c, *rested, np.pad(lost, (lead, 0)), quantised, steps, lead)
     if not stood:
         raise LoopFailed(recording.name)
-    y, command, current = (x[lead:] for x in channels)
-    if seed is not None:
-        current = current + rig.noise["current"] * rng.standard_normal(shape)
-        driven["force"] = driven["force"] + rig.noise.get("force", 0.0) * rng.standard_normal(shape)
-    return {"displacement": y, "command": command, "current": current, **driven}
+    return dict(zip(("displacement", "command", "current"), (x[lead:] for x in channels), strict=True))

@@ -79,7 +79,7 @@ def test_the_vocabulary_is_that_of_the_cards_and_every_kind_shows():
         size = kind.most
         while True:
             try:
-                shown = detector.strength(kind.values(detector.truth.rig, size, others), kind.random)
+                shown = detector.strength(kind.values(detector.truth.rig, size, others))
                 break
             except LoopFailed:
                 size /= 2
@@ -108,6 +108,29 @@ def test_at_the_threshold_the_test_has_a_power_of_one_half_and_a_small_effect_gr
     least, most = threshold(detector, kind, 1.0, {})
     assert least < most and detector.strength(kind.values(rig, least, {})) == pytest.approx(1.0, rel=0.2)
     assert detector.strength(kind.values(rig, 0.5 * least, {})) == pytest.approx(0.25, rel=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("hysteresis", 0.8), ("deadband", 0.05), ("amplifier_voltage_limit", 1.0), ("probe_backlash", 0.1)],
+)
+def test_an_effect_shows_as_much_as_in_recordings_with_their_noise_and_rounding(name, size):
+    """The mean difference of recordings with the effect and without, by halves of drawn noise."""
+    kind, (rig, recording) = KINDS[name], loop("ball", shape="noise")
+    recording = replace(recording, drive=replace(recording.drive, wave=recording.drive.wave[:1200]))
+    detector = Detector(Truth(rig), [recording], True, 1)
+    values = kind.values(rig, size, kind.others(rig, np.random.default_rng(3)))
+    none, with_it, whitening = Truth(rig), Truth(rig, {}, values), detector._whitening[0]
+    halves = []
+    for first in (100, 200):
+        seeds = range(first, first + 20)
+        moved = sum(detector._spectrum(with_it, recording, s) - detector._spectrum(none, recording, s) for s in seeds)
+        part = np.einsum("fij,fj->fi", whitening, moved / len(seeds))
+        halves.append(detector.recalibrated(np.concatenate([part.real.ravel(), part.imag.ravel()])))
+    (one, theta), (other, theta2) = halves
+    shown = max(one @ other / critical(FREEDOM), theta @ theta2 / critical(len(theta)))
+    assert detector.strength(values) == pytest.approx(shown, rel=0.12, abs=0.05)
 
 
 def test_a_gain_that_another_tolerance_can_take_up_shows_little():
