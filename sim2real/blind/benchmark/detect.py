@@ -47,21 +47,34 @@ def critical(freedom: int) -> float:
 
 
 class Detector:
-    """Compares rigs with a true one by what the `fit` recordings of a campaign show.
+    """Compares rigs with a true one by what recordings of a campaign show.
 
     Args:
         truth: The rig with its deviations, without effects.
         recordings: Its experiments; those of another role are ignored.
         with_current: Whether the current is recorded.
         seed: Of the noise from which its spectra are estimated.
+        roles: Of the recordings that count.
     """
 
-    def __init__(self, truth: Truth, recordings: Sequence[Recording], with_current: bool, seed: int):
+    def __init__(
+        self,
+        truth: Truth,
+        recordings: Sequence[Recording],
+        with_current: bool,
+        seed: int,
+        roles: Sequence[str] = ("fit",),
+    ):
         self.truth = truth
-        self.recordings = [r for r in recordings if r.role == "fit"]
+        self.recordings = [r for r in recordings if r.role in roles]
+        self._every, self._with_current = list(recordings), with_current
         self.names = ("displacement", "current") if with_current else ("displacement",)
         self.seed = seed
         self._smoothed: dict[tuple[int, int], np.ndarray] = {}  # as `_base`, by recording and draw of the noise
+
+    def of_all_recordings(self) -> "Detector":
+        """The same of all recordings of the campaign, those to fit and the holdout."""
+        return Detector(self.truth, self._every, self._with_current, self.seed, ("fit", "holdout"))
 
     @cached_property
     def _base(self) -> list[np.ndarray]:

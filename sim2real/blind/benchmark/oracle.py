@@ -6,7 +6,7 @@ drawn. An explanation whose squared distance, in units of the noise and after ca
 of one parameter with a power of one half is a rival of the truth.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi, sqrt
 
@@ -47,6 +47,16 @@ def _product(one: np.ndarray, other: np.ndarray) -> float:
     return 0.5 * float(one[0] @ other[-1] + one[-1] @ other[0])
 
 
+def _distance(left: np.ndarray) -> float:
+    """Squared distance of what is left of a difference, and two standard errors where it is known by two estimates.
+
+    Chance therefore makes no rival. Of a product of values m + e and m + e', the variance 2 m^2 s^2 + s^4 is, in the
+    mean, the square of their mean times that of their difference.
+    """
+    error = np.linalg.norm(left.mean(axis=0) * (left[0] - left[-1]))
+    return _product(left, left) + 2 * float(error)
+
+
 class _Metric:
     """Inner products of whitened differences that calibration, and some directions, cannot take up."""
 
@@ -66,49 +76,75 @@ class _Metric:
 def rivals(detector: Detector, found: Mapping[str, Values], seed: int) -> list[dict]:
     """Explanations other than the truth that are not rejected: {"effects": names, "distance": squared}, nearest first.
 
+    A method has all recordings. More of them only move explanations further away, so the holdout is asked of those that
+    the recordings to fit do not reject.
+
     Args:
-        detector: Of the campaign.
+        detector: Of the recordings of the campaign that are to be fitted.
         found: Values of the true effects by name.
         seed: Draws values of rivals that the truth does not state.
 
     Returns:
         The rivals; ["none"] stands for no effect at all.
     """
-    if not found:
-        return []
-    rng = np.random.default_rng([seed, 7])
+    kept = _distances(detector, found, seed) if found else {}
+    if kept:
+        kept = _distances(detector.of_all_recordings(), found, seed, kept)
+    return [{"effects": [*n], "distance": d} for n, d in sorted(kept.items(), key=lambda item: item[1])]
+
+
+def _distances(
+    detector: Detector, found: Mapping[str, Values], seed: int, only: Collection[tuple[str, ...]] | None = None
+) -> dict[tuple[str, ...], float]:
+    """Squared distance of each explanation that a detector does not reject, by its sorted names.
+
+    Args:
+        detector: Of the campaign.
+        found: Values of the true effects by name.
+        seed: As of `rivals`.
+        only: The explanations that are asked for; None: all.
+    """
     together = _sum(found.values())
     truth = detector.with_effects(together)
     alone = {name: detector.with_effects(values) for name, values in found.items()} if len(found) > 1 else {}
     metrics = {(): _Metric(detector), **{(name,): _Metric(detector, [d]) for name, d in alone.items()}}
     targets = {beside: metric.left(truth) for beside, metric in metrics.items()}
     own = {beside: [_Part.of(detector, name, found[name]) for name in beside] for beside in metrics}
-    near: dict[frozenset[str], tuple[float, list[_Part]]] = {}
+    names = [n for n in known_on(detector.truth.rig.family) if only is None or any(n in one for one in only)]
+
+    def asked(name: str, beside: tuple[str, ...]) -> bool:
+        key = tuple(sorted({name, *beside}))
+        return name not in beside and key != tuple(sorted(found)) and (only is None or key in only)
+
+    near: dict[tuple[str, ...], tuple[float, list[_Part]]] = {}
     for beside, target in targets.items():
-        near[frozenset(beside or {"none"})] = _product(target, target), own[beside]
-    for name in known_on(detector.truth.rig.family):
+        near[beside or ("none",)] = _distance(target), own[beside]
+    for name in names:
         if name in TONES and not set(found) & set(TONES):
             continue
-        for curve in _curves(detector, name, together, truth, rng):
-            for beside, metric in metrics.items():
-                if name in beside or set(found) == {name, *beside}:
-                    continue
-                distance, part = _nearest(targets[beside], [(metric.left(d), p) for d, p in curve], name in TONES)
-                key = frozenset({name, *beside})
+        besides = [beside for beside in metrics if asked(name, beside)]
+        # Each name has its own draws, so that they are the same whatever else is asked for.
+        rng = np.random.default_rng([seed, 7, list(VOCABULARY).index(name)])
+        for curve in _curves(detector, name, together, truth, rng) if besides else []:
+            for beside in besides:
+                left = [(metrics[beside].left(d), p) for d, p in curve]
+                distance, part = _nearest(targets[beside], left, name in TONES)
+                key = tuple(sorted({name, *beside}))
                 if distance < near.get(key, (np.inf,))[0]:
                     near[key] = distance, [*own[beside], *([part] if part else [])]
+    near = {key: value for key, value in near.items() if only is None or key in only}
     nearest = sorted(near.items(), key=lambda item: item[1][0])[:REFINED]
-    fitted = [(min(least, _refined(detector, truth, parts)), sorted(names)) for names, (least, parts) in nearest]
+    fitted = [(min(least, _refined(detector, truth, parts)), key) for key, (least, parts) in nearest]
     # Changes of parameters are too large for a linear calibration to rank them, and so gentle that a fit finds them.
-    for name in known_on(detector.truth.rig.family):
+    for name in names:
         kind = VOCABULARY[name]
         if kind.value in NOMINAL and name not in found:
             for beside, parts in own.items():
-                starts = ([*parts, _Part(kind, sign * START * kind.most, {})] for sign in (1.0, -1.0))
-                least = min(_refined(detector, truth, start) for start in starts)
-                fitted.append((least, sorted({name, *beside})))
-    fitted = sorted({tuple(names): least for least, names in sorted(fitted, reverse=True)}.items(), key=lambda f: f[1])
-    return [{"effects": [*n], "distance": d} for n, d in fitted if d < REJECTED and [*n] != sorted(found)]
+                if asked(name, beside):
+                    starts = ([*parts, _Part(kind, sign * START * kind.most, {})] for sign in (1.0, -1.0))
+                    least = min(_refined(detector, truth, start) for start in starts)
+                    fitted.append((least, tuple(sorted({name, *beside}))))
+    return {key: least for least, key in sorted(fitted, reverse=True) if least < REJECTED}
 
 
 @dataclass(frozen=True)
@@ -144,7 +180,7 @@ def _refined(detector: Detector, truth: np.ndarray, parts: Sequence[_Part]) -> f
         for _ in range(STEPS):
             d = shown(parts)
             rest = truth - d
-            least = min(least, _product(rest, rest) + float(theta @ theta))
+            least = min(least, _distance(rest) + float(theta @ theta))
             grown = [shown([*parts[:n], p.grown(GROWTH), *parts[n + 1 :]]) - d for n, p in enumerate(parts)]
             columns, rest = np.vstack([rows, *(_middle(g) / (GROWTH - 1) for g in grown)]), _middle(rest)[0]
             prior = np.concatenate([np.ones(len(theta)), np.full(len(parts), 1e-9)])
@@ -230,13 +266,13 @@ def _nearest(target: np.ndarray, curve: Sequence[tuple[np.ndarray, _Part]], plan
     if plane:
         basis = np.linalg.qr(np.concatenate([_middle(d) for d, _ in curve]).T)[0]
         rest = target - (target @ basis) @ basis.T
-        return _product(rest, rest), None
-    least, nearest, before = _product(target, target), None, np.zeros_like(target)
+        return _distance(rest), None
+    least, nearest, before = _distance(target), None, np.zeros_like(target)
     for point, part in curve:
         step = point - before
         share = min(max(_product(step, target - before) / max(_product(step, step), 1e-12), 0.0), 1.0)
         rest = target - before - share * step
-        if (found := _product(rest, rest)) < least:
+        if (found := _distance(rest)) < least:
             least, nearest = found, part
         before = point
     return least, nearest

@@ -17,6 +17,7 @@ from sim2real.blind.benchmark.drives import Drive, draw_drive
 from sim2real.blind.benchmark.generate import Case, generate, make, plan
 from sim2real.blind.benchmark.integrate import run
 from sim2real.blind.benchmark.kinds import KINDS, OUTSIDE, VOCABULARY
+from sim2real.blind.benchmark.oracle import rivals
 from sim2real.blind.benchmark.plant import pull
 from sim2real.blind.benchmark.rigs import FAMILIES, draw_rig
 from sim2real.blind.benchmark.simulate import Controller, LoopFailed, Recording, Truth, simulate
@@ -131,6 +132,25 @@ def test_an_effect_shows_as_much_as_in_recordings_with_their_noise_and_rounding(
     (one, theta), (other, theta2) = halves
     shown = max(one @ other / critical(FREEDOM), theta @ theta2 / critical(len(theta)))
     assert detector.strength(values) == pytest.approx(shown, rel=0.12, abs=0.05)
+
+
+@pytest.mark.slow
+def test_a_rival_that_the_holdout_tells_apart_is_none():
+    """A delay and a lag of the amplifier are alike in a quiet recording to fit, and not in a loud holdout."""
+    rng = np.random.default_rng(3)
+    rig = draw_rig("ball", rng)
+    controller = Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"])
+    drives = [draw_drive("noise", rig, True, level, rng) for level in (0.004, 0.04)]
+    drives = [replace(drive, wave=drive.wave[:1000]) for drive in drives]
+    fit, holdout = (
+        Recording(role, role, controller, drive) for role, drive in zip(("fit", "holdout"), drives, strict=True)
+    )
+    found = {"delay": {at.DELAY: 0.05 / rig.bandwidth}}
+    alone, both = (
+        [one["effects"] for one in rivals(Detector(Truth(rig), recordings, True, 1), found, 1)]
+        for recordings in ([fit], [fit, holdout])
+    )
+    assert ["amplifier_lag"] in alone and not both
 
 
 def test_a_gain_that_another_tolerance_can_take_up_shows_little():
