@@ -61,16 +61,14 @@ class _Metric:
     """Inner products of whitened differences that calibration, and some directions, cannot take up."""
 
     def __init__(self, detector: Detector, free: Sequence[np.ndarray] = ()):
-        rows = [detector.calibrated(_middle(f))[0][0] for f in free]
-        self.detector = detector
-        self.free = np.linalg.qr(np.array(rows).T)[0].T if rows else np.zeros((0, 1))
+        self.detector, self.free = detector, None
+        if free:
+            self.free = np.linalg.qr(np.concatenate([self.left(_middle(f)) for f in free]).T)[0].T
 
     def left(self, d: np.ndarray) -> np.ndarray:
         """What is left of a difference (1 or 2, values + parameters): its product with itself is the distance."""
-        rest, theta = self.detector.calibrated(d)
-        if len(self.free):
-            rest = rest - (rest @ self.free.T) @ self.free
-        return np.concatenate([rest, theta], axis=1)
+        found = np.concatenate(self.detector.calibrated(d), axis=1)
+        return found if self.free is None else found - (found @ self.free.T) @ self.free
 
 
 def rivals(detector: Detector, found: Mapping[str, Values], seed: int) -> list[dict]:

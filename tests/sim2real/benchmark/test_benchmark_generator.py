@@ -17,7 +17,7 @@ from sim2real.blind.benchmark.drives import Drive, draw_drive
 from sim2real.blind.benchmark.generate import Case, generate, make, plan
 from sim2real.blind.benchmark.integrate import run
 from sim2real.blind.benchmark.kinds import KINDS, OUTSIDE, VOCABULARY
-from sim2real.blind.benchmark.oracle import rivals
+from sim2real.blind.benchmark.oracle import _Metric, rivals
 from sim2real.blind.benchmark.plant import pull
 from sim2real.blind.benchmark.rigs import FAMILIES, draw_rig
 from sim2real.blind.benchmark.simulate import Controller, LoopFailed, Recording, Truth, simulate
@@ -151,6 +151,20 @@ def test_a_rival_that_the_holdout_tells_apart_is_none():
         for recordings in ([fit], [fit, holdout])
     )
     assert ["amplifier_lag"] in alone and not both
+
+
+def test_the_distance_beside_an_effect_is_that_of_least_squares():
+    """What calibration takes of the effect is free, too."""
+    rig, recording = loop("ball")
+    recording = replace(recording, drive=replace(recording.drive, wave=recording.drive.wave[:800]))
+    detector = Detector(Truth(rig), [recording], True, 1)
+    free, d = (detector.with_effects(values) for values in ({at.SCALE: 0.02}, {at.SCALE: 0.05, at.LAG: 3e-5}))
+    rows = detector.calibration
+    columns = np.hstack([np.vstack([rows, free]), np.vstack([np.eye(len(rows)), np.zeros((1, len(rows)))])])
+    known = np.concatenate([d[0], np.zeros(len(rows))])
+    _, (expected,), *_ = np.linalg.lstsq(columns.T, known, rcond=None)
+    left = _Metric(detector, [free]).left(d)
+    assert left[0] @ left[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_gain_that_another_tolerance_can_take_up_shows_little():
