@@ -1,6 +1,6 @@
 """Scores of methods on a set of the benchmark, beside an oracle that knows the generator."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path
@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 from sim2real.blind.cases import Answer, Case, open_labels, read_answer, seal_of
 from sim2real.blind.judging.alike import alike_sets
 from sim2real.blind.judging.calibration import calibration_error
-from sim2real.blind.judging.judging import SIZES, Judgement, judge, size_range
+from sim2real.blind.judging.judging import SIZES, Judgement, blocks_hit, judge, size_range
 from sim2real.blind.judging.scoring import Row, row, size_words, statistic_row
 from sim2real.judgement.mechanisms import OF_ONE_MAGNET
 
@@ -35,8 +35,9 @@ VISIBLE = (MEDIUM, LARGE)
 
 
 def rivals_of(case: Case) -> list[frozenset[str]]:
-    """Explanations that the oracle cannot reject, besides the true one."""
-    return [frozenset(one["effects"]) for one in case.label.get("oracle", {}).get("rivals", [])]
+    """Explanations that the oracle cannot reject, besides the true one, by the names of their mechanisms."""
+    found = [mechanism(one["effects"], case) for one in case.label.get("oracle", {}).get("rivals", [])]
+    return [effects for effects in dict.fromkeys(found) if effects != mechanism(case.effects, case)]
 
 
 def tellable(case: Case) -> bool:
@@ -115,7 +116,7 @@ def score_set(folder: Path, answers: Sequence[Path]) -> Benchmark:
         judged = tuple(judged_with_rivals(case, answer) for case, answer in zip(cases, found, strict=True))
         versions = ", ".join(sorted({a.version for a in found}))
         failed = sum(a.error is not None for a in found)
-        methods.append(Method(path.name, versions, judged, failed, _rows(judged)))
+        methods.append(Method(path.name, versions, judged, failed, rows_of(judged)))
     return Benchmark(seal, cases, tuple(_of_oracle(score, cases) for score in SCORES), tuple(methods))
 
 
@@ -129,26 +130,23 @@ def judged_with_rivals(case: Case, answer: Answer) -> Judgement:
     return replace(j, right_class=case.truth in answer.cause and close)
 
 
+def mechanism(effects: Iterable[str], case: Case) -> frozenset[str]:
+    """Effects on a case by the names of their mechanisms: a ball hangs below a single magnet, see `OF_ONE_MAGNET`."""
+    return frozenset(OF_ONE_MAGNET.get(name, name) if case.rig == "ball" else name for name in effects)
+
+
 def by_mechanism(case: Case, answer: Answer) -> tuple[Case, Answer]:
-    """Truth and answer by the names of their mechanisms: a ball hangs below a single magnet, see `OF_ONE_MAGNET`."""
-    if case.rig != "ball":
-        return case, answer
-
-    def named(effects: frozenset[str]) -> frozenset[str]:
-        return frozenset(OF_ONE_MAGNET.get(name, name) for name in effects)
-
-    which = tuple(replace(h, effects=named(h.effects)) for h in answer.which)
-    cause = tuple(dict.fromkeys(map(named, answer.cause)))
-    likely = None if answer.likely is None else tuple(map(named, answer.likely))
-    return replace(case, effects=named(case.effects)), replace(answer, cause=cause, which=which, likely=likely)
+    """Truth and answer by the names of their mechanisms."""
+    which = tuple(replace(h, effects=mechanism(h.effects, case)) for h in answer.which)
+    cause = tuple(dict.fromkeys(mechanism(effects, case) for effects in answer.cause))
+    likely = None if answer.likely is None else tuple(mechanism(effects, case) for effects in answer.likely)
+    own = replace(case, effects=mechanism(case.effects, case))
+    return own, replace(answer, cause=cause, which=which, likely=likely)
 
 
 def _right_block(j: Judgement) -> bool:
     """As `judging.right_block`, for what no vocabulary holds too, whose block the label states."""
-    if j.case.kind != "unknown" or j.answer.verdict != "unexplained" or not j.answer.blocks:
-        return j.right_block
-    largest = max(j.answer.blocks, key=lambda name: j.answer.blocks[name])
-    return bool(set(j.case.label["blocks"]) & set(largest.split("+")))
+    return blocks_hit(j.case.label["blocks"], j.answer) if j.case.kind == "unknown" else j.right_block
 
 
 def _belongs(score: Score, case: Case) -> bool:
@@ -171,11 +169,12 @@ def _of_oracle(score: Score, cases: Sequence[Case]) -> Row:
     return _share(score, [score.oracle(c) for c in cases if _belongs(score, c)] if score.oracle else [])
 
 
-def _rows(judged: Sequence[Judgement]) -> tuple[Row, ...]:
+def rows_of(judged: Sequence[Judgement]) -> tuple[Row, ...]:
+    """The figures of a method, in the order of SCORES and then what is no share."""
     top = np.array([(j.top_probability, j.top_right) for j in judged], dtype=float).reshape(-1, 2)
-    closed = [
-        j.answer.closed_fraction for j in judged if told(j) and j.case.kind != "none" and size_range(j.case) == LARGE
-    ]
+    # Of an unknown cause nothing is named, so nothing can be closed.
+    large = (j for j in judged if j.case.kind in ("single", "pair") and size_range(j.case) == LARGE)
+    closed = [j.answer.closed_fraction for j in large if told(j)]
     seconds = [j.answer.seconds for j in judged]
     return (
         *(_share(score, [score.good(j) for j in judged if _belongs(score, j.case)]) for score in SCORES),

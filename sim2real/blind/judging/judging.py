@@ -1,6 +1,6 @@
 """One answer judged against the truth in every respect. A failed answer is wrong in all of them."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -89,14 +89,18 @@ def _touches(truth: frozenset[str], member: frozenset[str], case: Case, one_spee
 
 
 def right_block(case: Case, answer: Answer) -> bool:
-    """Whether the cause has an effect in a block of the truth.
+    """Whether an answer is in a block of the truth, see `blocks_hit`. Only effects of the vocabulary have a block."""
+    return blocks_hit({EFFECTS[name].block for name in case.effects if name in EFFECTS}, answer)
 
-    When unexplained: whether the block with the largest share of the gap, or one of those merged under its name, is a
-    block of the truth. Only effects of the vocabulary have a block.
+
+def blocks_hit(blocks: Collection[str], answer: Answer) -> bool:
+    """Whether the cause has an effect in one of the blocks.
+
+    When unexplained: whether the block with the largest share of the gap, or one of those merged under its name, is one
+    of them.
     """
-    blocks = {EFFECTS[name].block for name in case.effects if name in EFFECTS}
     if answer.verdict == "unexplained" and answer.blocks:
-        return bool(blocks & set(max(answer.blocks, key=answer.blocks.get).split("+")))
+        return not set(max(answer.blocks, key=answer.blocks.get).split("+")).isdisjoint(blocks)
     return any(EFFECTS[name].block in blocks for member in answer.cause for name in member)
 
 

@@ -9,7 +9,8 @@ from command_line import maglev
 import sim2real
 from sim2real.blind.benchmark import generate as generator
 from sim2real.blind.benchmark.foils import nothing
-from sim2real.blind.benchmark.scores import score_set
+from sim2real.blind.benchmark.scores import SCORES, judged_with_rivals, rows_of, score_set, tellable
+from sim2real.blind.cases import Case, parse_diagnosis
 
 # kind, effects, size, rivals, verdict, cause
 CASES = (
@@ -94,6 +95,37 @@ def test_methods_stand_beside_the_oracle(answered, tmp_path):
     (answered / "answers" / "c0001.json").unlink()
     assert "opened already" in maglev("blind", "answer", answered, "--processes", 1, code=2)
     assert "missing" in maglev("blind", "score", answered, code=2)
+
+
+def judged(truth, cause, rivals=(), kind="single", blocks=("mechanics",), closed=0.0):
+    """An answer on a ball, judged; the cause by members, none of "unexplained", all of the gap in the sensor."""
+    label = {"oracle": {"rivals": [{"effects": [one], "distance": 1.0} for one in rivals]}, "blocks": list(blocks)}
+    case = Case("c1", kind, "ball", "full", frozenset(truth), 20.0, frozenset({0.0}), label)
+    verdict = ("unexplained", "explained", "ambiguous")[min(len(cause), 2)]
+    which = [{"effects": [one], "probability": 1 / max(len(cause), 1)} for one in cause or ["unknown"]]
+    data = {"schema": "maglev-diagnosis/1", "verdict": verdict, "cause": list(cause), "which": which}
+    data |= {"where": {"blocks": {"sensor": 1.0}}, "gap": {"closed_fraction": closed}}
+    return judged_with_rivals(case, parse_diagnosis(data, 1.0, "v"))
+
+
+@pytest.mark.parametrize("other", ["force_law", "negative_stiffness"])
+def test_on_a_ball_a_rival_has_both_names_of_its_mechanism(other):
+    assert judged(["mass"], ["mass", other], rivals=["negative_stiffness"]).right_class
+    assert tellable(judged(["negative_stiffness"], ["force_law"], rivals=[other]).case)
+
+
+def test_of_an_unknown_cause_a_named_effect_in_its_block_is_in_the_right_block():
+    (good,) = (score.good for score in SCORES if score.name == "right block")
+    assert good(judged(["tilted_target"], ["sensor_resonance"], kind="unknown", blocks=["sensor"]))
+    assert not good(judged(["tilted_target"], ["mass"], kind="unknown", blocks=["sensor"]))
+    assert good(judged(["tilted_target"], [], kind="unknown", blocks=["sensor"]))
+
+
+def test_nothing_can_be_closed_of_an_unknown_cause():
+    singles = [judged(["mass"], ["mass"], closed=0.99) for _ in range(3)]
+    unknown = [judged(["cable_creep"], [], kind="unknown") for _ in range(4)]
+    (row,) = (row for row in rows_of([*singles, *unknown]) if "closed" in row.name)
+    assert (row.value, row.n) == (0.99, 3)
 
 
 def test_anothers_folder_of_answers_is_scored_and_one_for_another_set_is_refused(answered, tmp_path):
