@@ -1,6 +1,6 @@
 """One answer judged against the truth in every respect. A failed answer is wrong in all of them."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -57,8 +57,8 @@ def judge(case: Case, answer: Answer) -> Judgement:
     size, one_speed = case.size or 0.0, len(case.speeds) == 1
     held = truth in answer.cause
     close = held and all(alike_sets(truth, member, case.channels, size, one_speed) for member in answer.cause)
-    ranked = merged(answer)
-    top = ranked[0] if ranked else (frozenset(), 1.0)  # a missing answer counts as a certain one
+    found = merged(answer)
+    top = found[0] if found else (frozenset(), 1.0)  # a missing answer counts as a certain one
     return Judgement(
         case,
         answer,
@@ -76,7 +76,7 @@ def judge(case: Case, answer: Answer) -> Judgement:
         flagged=answer.verdict == "unexplained",
         top_right=top[0] == truth,
         top_probability=top[1],
-        covered=truth in (smallest_set(ranked) if answer.likely is None else set(map(named, answer.likely))),
+        covered=truth in (smallest_set(found) if answer.likely is None else set(map(named, answer.likely))),
     )
 
 
@@ -106,16 +106,21 @@ def blocks_hit(blocks: Collection[str], answer: Answer) -> bool:
 
 def merged(answer: Answer) -> list[tuple[frozenset[str], float]]:
     """(effects, probability), the most probable first; the probability of "calibration" is added to "none"."""
+    return ranked((one.effects, one.probability) for one in answer.which)
+
+
+def ranked(hypotheses: Iterable[tuple[Iterable[str], float]]) -> list[tuple[frozenset[str], float]]:
+    """As `merged`, of (effects, probability)."""
     total: dict[frozenset[str], float] = {}
-    for one in answer.which:
-        key = named(one.effects)
-        total[key] = total.get(key, 0.0) + one.probability
+    for effects, probability in hypotheses:
+        key = named(effects)
+        total[key] = total.get(key, 0.0) + probability
     return sorted(total.items(), key=lambda item: (-item[1], sorted(item[0])))
 
 
-def smallest_set(ranked: Sequence[tuple[frozenset[str], float]]) -> set[frozenset[str]]:
+def smallest_set(found: Sequence[tuple[frozenset[str], float]]) -> set[frozenset[str]]:
     """The most probable hypotheses whose probabilities together reach LEVEL."""
-    return {effects for effects, _ in ranked[: fewest([p for _, p in ranked], LEVEL - 1e-9)]}
+    return {effects for effects, _ in found[: fewest([p for _, p in found], LEVEL - 1e-9)]}
 
 
 SIZES = ((0.0, 1.0), (1.0, 10.0), (10.0, inf))  # multiples of the detection threshold

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
+from sim2real.blind.benchmark.scores import rivals_of
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Case, named, open_labels
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import Evidence
@@ -22,8 +23,8 @@ class Example:
     """A campaign to learn from.
 
     Attributes:
-        family: What its truth is a form of: names of effects, or the name of an unknown cause. Without an effect, each
-            campaign is a family.
+        family: What its truth is a form of: names of mechanisms, or the name of an unknown cause. Without an effect,
+            each campaign is a family.
         truth: The right hypothesis, by the names of mechanisms.
         evidence: What was found.
         rig: The nominal rig.
@@ -67,19 +68,25 @@ def examples_of(folders: Sequence[Path]) -> list[Example]:
                 read = evidence_from_json(evidence)
             except ValueError as error:
                 raise ValueError(f"{folder / ANSWERS}/{case.id}.json: {error}") from None
-            found.append(Example(_family(case), _truth(case, rig), read, rig, data["version"]))
+            found.append(Example(family_of(case, rig), truth_of(case, rig), read, rig, data["version"]))
     return found
 
 
 def _tellable(case: Case) -> bool:
     small = case.size is not None and case.size < SHOWN
-    return not small and not case.label.get("oracle", {}).get("rivals")
+    return not small and not rivals_of(case)
 
 
-def _family(case: Case) -> str:
-    return "+".join(sorted(case.effects)) or f"none, {case.id}"
+def family_of(case: Case, rig: Rig) -> str:
+    """What the truth is a form of, by the names of mechanisms: one truth has one family."""
+    return "+".join(sorted(_mechanism(case.effects, rig))) or f"none, {case.id}"
 
 
-def _truth(case: Case, rig: Rig) -> frozenset[str]:
-    single = by_mechanism([Entry(tuple(sorted(case.truth)), 1.0, 0.0, None, None)], rig)
-    return frozenset(single[0].effects)
+def truth_of(case: Case, rig: Rig) -> frozenset[str]:
+    """The right hypothesis, by the names of mechanisms."""
+    return frozenset(_mechanism(case.truth, rig))
+
+
+def _mechanism(effects: frozenset[str], rig: Rig) -> tuple[str, ...]:
+    (entry,) = by_mechanism([Entry(tuple(sorted(effects)), 1.0, 0.0, None, None)], rig)
+    return entry.effects

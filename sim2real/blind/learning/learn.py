@@ -9,6 +9,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from sim2real.blind.cases import named
 from sim2real.blind.judging.calibration import calibration_error
+from sim2real.blind.judging.judging import ranked
 from sim2real.blind.learning.examples import Example
 from sim2real.judgement.belief import LEVEL, Belief, Judge, channels_of
 from sim2real.judgement.judge import lacking
@@ -165,7 +166,9 @@ def _mass_before_truth(e: Example, judge: Judge) -> float:
 
 
 def _told(e: Example, judge: Judge) -> tuple[float, float, float]:
-    """Probability of the first hypothesis, whether it is the truth, and the logarithm of the truth's probability."""
-    first = e.found(judge)[0]
-    right = named(first.effects) == e.truth
-    return first.probability, float(right), float(np.log(max(e.probability(judge), LEAST)))
+    """Probability of the first hypothesis, whether it is the truth, and the logarithm of the truth's probability.
+
+    As scored: "none" and "calibration" are one hypothesis.
+    """
+    first, probability = ranked((entry.effects, entry.probability) for entry in e.found(judge))[0]
+    return probability, float(first == e.truth), float(np.log(max(e.probability(judge), LEAST)))

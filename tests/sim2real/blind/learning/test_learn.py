@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from drawn_evidence import drawn, examples
 
+from maglev_env.rig.rig_file import load_rig
+from sim2real.blind.benchmark.rigs import draw_rig
+from sim2real.blind.cases import Answer, Case, Hypothesis
+from sim2real.blind.judging.judging import merged
 from sim2real.blind.learning import learn as learn_module
-from sim2real.blind.learning.learn import judge_of, learn, log_score
+from sim2real.blind.learning.examples import family_of, truth_of
+from sim2real.blind.learning.learn import _told, judge_of, learn, log_score
 from sim2real.judgement.belief import LEVEL, Judge, judge_from, shipped
 from sim2real.judgement.evidence_json import evidence_from_json, evidence_to_json
 from sim2real.judgement.judge import entries
@@ -95,6 +100,29 @@ def test_evidence_that_is_none_is_refused(broken):
 def test_a_judge_of_another_schema_is_refused():
     with pytest.raises(ValueError, match="judge: schema 'x' is not maglev-judge/1"):
         judge_from({"schema": "x"})
+
+
+def test_the_first_hypothesis_is_the_one_that_is_scored():
+    """None and calibration are one, which may be first only together."""
+    judge = Judge()
+    for e in examples(60, 2):
+        which = tuple(Hypothesis(frozenset(h.effects), h.probability, {}) for h in e.found(judge))
+        scored = merged(Answer(None, "no_gap", (), which, {}, 0.0, 0.0, ""))[0]
+        probability, right, _ = _told(e, judge)
+        assert (probability, bool(right)) == (pytest.approx(scored[1]), scored[0] == e.truth)
+
+
+def test_a_truth_has_one_family(tmp_path):
+    """On a ball a negative stiffness is a force law, so that leaving one of them out must leave out the other."""
+    (tmp_path / "rig.toml").write_text(draw_rig("ball", np.random.default_rng(0)).toml())
+    rig = load_rig(tmp_path / "rig.toml")
+
+    def found(*effects):
+        case = Case("c1", "single", "ball", "full", frozenset(effects), 20.0, frozenset({0.0}), {})
+        return family_of(case, rig), truth_of(case, rig)
+
+    assert found("negative_stiffness") == found("force_law") == ("force_law", {"force_law"})
+    assert found("negative_stiffness", "delay") == found("force_law", "delay")
 
 
 def test_too_few_families_are_refused():
