@@ -137,12 +137,13 @@ class Detector:
             parts += [part.real.ravel(), part.imag.ravel()]
         return np.concatenate(parts)
 
-    def with_effects(self, values: Mapping[int, float], theta: Sequence[float] = ()) -> np.ndarray:
+    def with_effects(self, values: Mapping[int, float], theta: Sequence[float] = (), most: int = 2) -> np.ndarray:
         """Differences of the true rig with effects, its uncertain parameters moved by theta standard deviations.
 
         Args:
             values: Values of the effects.
             theta: How far the parameters are moved.
+            most: Number of estimates that are wanted; 1 is enough for a direction.
 
         Returns:
             (1, values), or where chance has a part two estimates of the mean difference (2, values). Their errors are
@@ -156,7 +157,7 @@ class Detector:
             off[name] = off.get(name, 0.0) + tolerance * moved
         other = replace(self.truth, deviations=off, effects=values)
         random, rough = not RANDOM.isdisjoint(values), not ROUGH.isdisjoint(values)
-        draws = range(2 if random or rough else 1)
+        draws = range(most if random or rough else 1)
         return np.array([self._mean(other, draw, random, rough) for draw in draws])
 
     def _mean(self, other: Truth, draw: int, random: bool, rough: bool) -> np.ndarray:

@@ -13,15 +13,17 @@ from math import pi, sqrt
 import numpy as np
 
 from sim2real.blind.benchmark import at
-from sim2real.blind.benchmark.detect import NOMINAL, Detector, critical
+from sim2real.blind.benchmark.detect import NOMINAL, RANDOM, ROUGH, Detector, critical
 from sim2real.blind.benchmark.kinds import VOCABULARY, Kind, known_on
 from sim2real.blind.benchmark.simulate import LoopFailed
 
 REJECTED = critical(1)  # squared distance from which the truth is told from a rival
 ALIKE = 0.3  # squared cosine with the truth from which a rival's size is searched
 SIZES = (0.3, 0.6, 0.8, 1.0, 1.3, 1.7, 2.5)  # of the one with the strength of the truth
+FEW_SIZES = (0.6, 1.0, 1.7)  # the same where each takes several simulations
 REFINED = 8  # nearest explanations that are fitted
 STEPS, GROWTH, START = 5, 1.03, 0.3  # of such a fit, of a size for its derivative, and share of the largest size
+SETTLED = 0.01  # relative change of the distance with which a fit ends
 DRAWS = 3  # of a rival's other values
 TONES: Mapping[str, int] = {  # and the value that turns their phase
     "runout": at.RUNOUT_PHASE,
@@ -168,19 +170,22 @@ class _Part:
 def _refined(detector: Detector, truth: np.ndarray, parts: Sequence[_Part]) -> float:
     """Squared distance after the sizes of an explanation and the calibration are fitted with the loop as it is."""
     rig, rows = detector.truth.rig, detector.calibration
-    theta, least = np.zeros(len(rows)), np.inf
+    theta, least, found = np.zeros(len(rows)), np.inf, np.inf
 
-    def shown(some: Sequence[_Part]) -> np.ndarray:
+    def shown(some: Sequence[_Part], most: int = 2) -> np.ndarray:
         values = _sum(p.kind.values(rig, p.size, p.others) for p in some)
-        return detector.with_effects(values, theta)
+        return detector.with_effects(values, theta, most)
 
     try:
         for _ in range(STEPS):
             d = shown(parts)
             rest = truth - d
-            least = min(least, _distance(rest) + float(theta @ theta))
-            grown = [shown([*parts[:n], p.grown(GROWTH), *parts[n + 1 :]]) - d for n, p in enumerate(parts)]
-            columns, rest = np.vstack([rows, *(_middle(g) / (GROWTH - 1) for g in grown)]), _middle(rest)[0]
+            before, found = found, _distance(rest) + float(theta @ theta)
+            least = min(least, found)
+            if abs(before - found) < SETTLED * found:
+                break
+            grown = [shown([*parts[:n], p.grown(GROWTH), *parts[n + 1 :]], 1) - d[:1] for n, p in enumerate(parts)]
+            columns, rest = np.vstack([rows, *(g / (GROWTH - 1) for g in grown)]), rest.mean(axis=0)
             prior = np.concatenate([np.ones(len(theta)), np.full(len(parts), 1e-9)])
             step = np.linalg.solve(
                 columns @ columns.T + np.diag(prior), columns @ rest - np.concatenate([theta, np.zeros(len(parts))])
@@ -207,7 +212,7 @@ def _curves(
     kind, rig = VOCABULARY[name], detector.truth.rig
     metric = _Metric(detector)
     target = metric.left(truth)
-    total = max(_product(target, target), 0.0)  # estimates of nothing may have a product below zero
+    total, chance = _distance(target), not (RANDOM | ROUGH).isdisjoint({kind.value})
     for others in _choices(detector, name, kind, true, rng):
         try:
             if name in TONES:
@@ -217,7 +222,7 @@ def _curves(
                 continue
             size, sign = 0.2 * kind.most, 1.0
             for _ in range(3):  # towards the strength of the truth
-                one = metric.left(detector.with_effects(kind.values(rig, sign * size, others)))
+                one = metric.left(detector.with_effects(kind.values(rig, sign * size, others), most=1))
                 strength, along = _product(one, one), _product(one, target)
                 if kind.signed and along < 0:
                     sign = -sign
@@ -230,7 +235,7 @@ def _curves(
         except LoopFailed:
             continue
         curve = []
-        for share in SIZES:
+        for share in FEW_SIZES if chance else SIZES:
             if share * size <= kind.most:
                 part = _Part(kind, sign * share * size, others)
                 try:
