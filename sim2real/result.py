@@ -61,7 +61,8 @@ class Diagnosis:
         unseen: Effects that do not show in any recording: they act before the current that drives it, or in a mean that
             is no evidence of the weight, or look like the time between two readings that nobody states.
         likely: The hypotheses among which the truth is, by the fitted recordings alone, in 90 % of campaigns like those
-            that taught the judge: of effects that show, each family of causes judged by what the others taught.
+            that taught the judge: of effects that show, each family of causes judged by what the others taught. None
+            where no set of hypotheses is known to hold it as often.
         rareness: Share of the campaigns of a known cause that left as much unexplained, with their number; None unless
             the verdict is "unexplained".
         evidence: What the probabilities were computed from.
@@ -144,7 +145,7 @@ class Diagnosis:
                 "controller_distance": w.controller,
             },
             "which": which,
-            "likely": {"level": LEVEL, "hypotheses": [list(e.effects) for e in self.likely]},
+            "likely": {"level": LEVEL, "hypotheses": [list(e.effects) for e in self.likely]} if self.likely else None,
             "rareness": None if self.rareness is None else dict(zip(("p", "known"), self.rareness, strict=True)),
             "indistinguishable": [list(c) for c in self.indistinguishable],
             "next_experiment": None if self.next_experiment is None else self.next_experiment.to_json(),

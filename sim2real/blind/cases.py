@@ -197,5 +197,5 @@ def parse_diagnosis(d: Mapping[str, Any], seconds: float, version: str) -> Answe
         seconds,
         version,
         {str(k): float(v) for k, v in d.get("corrected", {}).get("changes", {}).items()},
-        tuple(frozenset(one) for one in d["likely"]["hypotheses"]) if "likely" in d else None,
+        tuple(frozenset(one) for one in d["likely"]["hypotheses"]) if d.get("likely") else None,
     )

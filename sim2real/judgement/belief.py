@@ -15,6 +15,7 @@ from sim2real.judgement.evidence import Evidence
 SCHEMA = "maglev-judge/1"
 FILE = "judge.json"
 LEVEL = 0.9  # share of campaigns of which a set of hypotheses is to hold the truth
+NO_SET = 1.0  # in `Judge.reached`: no set does, not even that of all hypotheses, which may lack the truth
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Judge:
         belief: Its constants.
         trust: Exponent of probabilities: below 1 where they were too sure.
         reached: Probability that the most probable hypotheses must exceed together so that they hold the truth in LEVEL
-            of all campaigns (conformal prediction: V. Vovk, A. Gammerman and G. Shafer, 2005).
+            of all campaigns (conformal prediction: V. Vovk, A. Gammerman and G. Shafer, 2005); NO_SET where none does.
         left: What is left beyond noise and forms where the truth is a known cause, in ascending order.
         made_by: What made it.
     """

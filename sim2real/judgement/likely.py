@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim2real.judgement.belief import LEVEL, Judge, channels_of
+from sim2real.judgement.belief import LEVEL, NO_SET, Judge, channels_of
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry, lacking
 
@@ -19,8 +19,12 @@ def fewest(probabilities: Sequence[float], reached: float) -> int:
 
 
 def likely_of(found: Sequence[Entry], evidence: Evidence, judge: Judge) -> list[Entry]:
-    """The hypotheses that hold the truth in LEVEL of all campaigns on these channels."""
-    return list(found[: fewest([e.probability for e in found], judge.reached.get(channels_of(evidence), LEVEL))])
+    """The hypotheses that hold the truth in LEVEL of all campaigns on these channels.
+
+    None where the judge knows of no set that does, or was not taught on such channels.
+    """
+    reached = judge.reached.get(channels_of(evidence), NO_SET)
+    return [] if reached >= NO_SET else list(found[: fewest([e.probability for e in found], reached)])
 
 
 def rareness(evidence: Evidence, judge: Judge) -> tuple[float, int]:
@@ -36,8 +40,13 @@ def rareness(evidence: Evidence, judge: Judge) -> tuple[float, int]:
 
 
 def likely_in_words(kept: Sequence[Entry], rare: tuple[float, int] | None) -> list[str]:
-    """Sentences on the set, where it holds more than one hypothesis, and on how rare a leftover is."""
+    """Sentences on the set, where it holds more than one hypothesis or there is none, and on how rare a leftover is."""
     said = []
+    if not kept:
+        said.append(
+            f"the judge knows of no set of hypotheses that holds the truth in {100 * LEVEL:.0f} % of campaigns with "
+            "these channels: too many that taught it had a truth that was not among them, or had no probability"
+        )
     if len(kept) > 1:
         names = ", ".join(" with ".join(e.effects) for e in kept[:MOST_NAMED])
         more = f" and {len(kept) - MOST_NAMED} more" if len(kept) > MOST_NAMED else ""

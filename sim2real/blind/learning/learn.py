@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from math import ceil, isfinite
+from math import ceil, inf, isfinite
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -11,7 +11,7 @@ from sim2real.blind.cases import named
 from sim2real.blind.judging.calibration import calibration_error
 from sim2real.blind.judging.judging import ranked
 from sim2real.blind.learning.examples import Example
-from sim2real.judgement.belief import LEVEL, Belief, Judge, channels_of
+from sim2real.judgement.belief import LEVEL, NO_SET, Belief, Judge, channels_of
 from sim2real.judgement.judge import lacking
 from sim2real.judgement.likely import fewest
 
@@ -37,7 +37,8 @@ class Learned:
         judge: Learned from all examples. Its belief is that of the code where a learned one is no better.
         score: Mean logarithm of the truth's probability, on families left out; and that without learning.
         error: Calibration error likewise.
-        size: Median number of hypotheses in a set that holds the truth in LEVEL of campaigns, likewise.
+        size: Median number of hypotheses in a set that holds the truth in LEVEL of campaigns, likewise; all count where
+            no set does.
     """
 
     judge: Judge
@@ -144,9 +145,9 @@ def _trust(examples: Sequence[Example], judge: Judge, channels: str) -> float:
 
 def _reached(masses: Sequence[float]) -> float:
     """The mass that sets must exceed so that they hold the truth of a further campaign at LEVEL, from the masses before
-    the truth in campaigns that a judge did not learn from."""
+    the truth in campaigns that a judge did not learn from; NO_SET where these are few, or too many lack the truth."""
     rank = ceil((len(masses) + 1) * LEVEL)
-    return float(sorted(masses)[rank - 1]) if rank <= len(masses) else 1.0
+    return min(float(sorted(masses)[rank - 1]), NO_SET) if rank <= len(masses) else NO_SET
 
 
 def _left(examples: Sequence[Example], judge: Judge) -> tuple[float, ...]:
@@ -156,13 +157,13 @@ def _left(examples: Sequence[Example], judge: Judge) -> tuple[float, ...]:
 
 
 def _mass_before_truth(e: Example, judge: Judge) -> float:
-    """Probability of all hypotheses that are more probable than the truth; 1 where it is not among them."""
+    """Probability of all hypotheses that are more probable than the truth; inf where it is not among them."""
     before = 0.0
     for entry in e.found(judge):
         if named(entry.effects) == e.truth:
             return before
         before += entry.probability
-    return 1.0
+    return inf
 
 
 def _told(e: Example, judge: Judge) -> tuple[float, float, float]:

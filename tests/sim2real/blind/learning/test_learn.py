@@ -13,11 +13,11 @@ from sim2real.blind.cases import Answer, Case, Hypothesis
 from sim2real.blind.judging.judging import merged
 from sim2real.blind.learning import learn as learn_module
 from sim2real.blind.learning.examples import family_of, truth_of
-from sim2real.blind.learning.learn import _told, judge_of, learn, log_score
+from sim2real.blind.learning.learn import _mass_before_truth, _reached, _told, judge_of, learn, log_score
 from sim2real.judgement.belief import LEVEL, Judge, judge_from, shipped
 from sim2real.judgement.evidence_json import evidence_from_json, evidence_to_json
 from sim2real.judgement.judge import entries
-from sim2real.judgement.likely import likely_of, rareness
+from sim2real.judgement.likely import likely_in_words, likely_of, rareness
 
 ROUNDS = 24  # of the search, which are fewer than in use
 
@@ -110,6 +110,22 @@ def test_the_first_hypothesis_is_the_one_that_is_scored():
         scored = merged(Answer(None, "no_gap", (), which, {}, 0.0, 0.0, ""))[0]
         probability, right, _ = _told(e, judge)
         assert (probability, bool(right)) == (pytest.approx(scored[1]), scored[0] == e.truth)
+
+
+@pytest.mark.parametrize(("lacking", "says"), [(0, True), (3, True), (12, False)])
+def test_a_set_is_said_only_where_it_can_hold_the_truth(lacking, says):
+    """No set holds a truth that is not among the hypotheses, however many it has."""
+    lesson = [replace(e, truth=frozenset({"gain_drift"})) if n < lacking else e for n, e in enumerate(examples(60, 7))]
+    reached = _reached([_mass_before_truth(e, Judge()) for e in lesson])
+    judge = Judge(reached={"displacement": reached})
+    kept = likely_of(lesson[0].found(judge), lesson[0].evidence, judge)
+    assert bool(kept) == says and json.dumps(judge.to_json(), allow_nan=False)
+    assert any("no set of hypotheses" in sentence for sentence in likely_in_words(kept, None)) != says
+
+
+def test_of_channels_that_taught_nothing_no_set_is_said():
+    e = examples(1, 1)[0]
+    assert likely_of(e.found(Judge()), e.evidence, Judge()) == []
 
 
 def test_a_truth_has_one_family(tmp_path):
