@@ -68,6 +68,7 @@ def answer_all(
     diagnose: Diagnose = diagnose,
     workers: Workers | None = None,
     into: str = ANSWERS,
+    version: str | None = None,
 ) -> Answered:
     """Answer every campaign of the sealed set in `folder`; each answer is written as a whole file.
 
@@ -82,11 +83,13 @@ def answer_all(
         diagnose: Diagnoses a campaign folder.
         workers: Used instead of processes; the files of a campaign are sent to them.
         into: Name of the folder of the answers in `folder`.
+        version: Of the code that diagnoses; None: that of the package's own diagnosis, of which `sim2real.blind` is no
+            part.
 
     Raises:
         ValueError: There is nothing to answer, or the set was opened already, after which an answer proves nothing.
     """
-    seal, made_by = seal_of(folder), code_version(DIAGNOSING)
+    seal, made_by = seal_of(folder), version or code_version(DIAGNOSING)
     campaigns = sorted(path.parent for path in (folder / CAMPAIGNS).glob("*/campaign.toml"))
     if not campaigns:
         raise ValueError(f"{folder / CAMPAIGNS} holds no campaigns")

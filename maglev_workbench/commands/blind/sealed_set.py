@@ -1,6 +1,7 @@
 """Making and answering a sealed set, for `generate`, `answer` and `run`."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 from maglev_env.recordings.files import write_text_atomic
@@ -55,7 +56,7 @@ def generate(
         console.print(f"SHA-256 of the labels\n{seal}")
         write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
         data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "benchmark": benchmark}
-        data |= {"version": code_version(DIAGNOSING)}
+        data |= {"version": code_version(DIAGNOSING, blind=True)}  # the generator is part of it
         write_json(out / SET, data)
     return {**data, "labels_sha256": seal}
 
@@ -69,6 +70,11 @@ def _by(method: str) -> Diagnose:
     return {"nothing": foils.nothing, "refit": foils.refit}[method]
 
 
+def version_of(method: str) -> str:
+    """Version of the code that answers: a foil is part of the benchmark's."""
+    return code_version(DIAGNOSING, blind=method != "diagnose")
+
+
 def answer(folder: Path, processes: int | None, spread: Workers | None, method: str = "diagnose") -> Answered:
     """Answer every campaign of a set that has no answer by this method yet, on workers if there are any."""
     made_of(folder)
@@ -76,7 +82,8 @@ def answer(folder: Path, processes: int | None, spread: Workers | None, method: 
         into = ANSWERS if method == "diagnose" else f"{ANSWERS}-{method}"
         task = bar.add_task(method, total=len(list((folder / CAMPAIGNS).glob("*/campaign.toml"))))
         try:
-            found = answer_all(folder, processes, lambda n: bar.advance(task, n), _by(method), spread, into)
+            advance, version = partial(bar.advance, task), version_of(method)
+            found = answer_all(folder, processes, advance, _by(method), spread, into, version)
         except KeyboardInterrupt:
             console.print(f"stopped; finished answers are in {folder / into}: run the same command again to continue")
             raise

@@ -10,6 +10,7 @@ from drawn_evidence import examples
 import sim2real
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.rig_toml import rig_toml
+from maglev_lanes.code_version import DIAGNOSING, code_version
 from sim2real.blind.benchmark import generate as generator
 from sim2real.blind.learning import learn
 from sim2real.judgement.belief import judge_from
@@ -68,6 +69,7 @@ def test_a_judge_is_made_and_made_again_to_the_last_byte(tmp_path, monkeypatch):
     assert one == elsewhere
     judge = judge_from(json.loads(one))
     assert judge.made_by["command"] == "maglev blind learn --count 40 --seed 3" and judge.made_by["examples"] == 40
+    assert judge.made_by["learned_by"] == code_version(DIAGNOSING, blind=True) != judge.made_by["version"]
     assert set(judge.trust) == {"displacement"} and len(judge.left["displacement"]) > 10
     assert "holds 40 campaigns of the benchmark, seed 3" in maglev(
         "blind", "learn", tmp_path / "s", "--seed", 4, "--count", 40, "--out", tmp_path / "x.json", code=2

@@ -7,6 +7,7 @@ import pytest
 from command_line import maglev
 
 import sim2real
+from maglev_lanes.code_version import DIAGNOSING, code_version
 from sim2real.blind.benchmark import generate as generator
 from sim2real.blind.benchmark.foils import nothing
 from sim2real.blind.benchmark.scores import SCORES, judged_with_rivals, rows_of, score_set, tellable
@@ -70,6 +71,18 @@ def answered(tmp_path, monkeypatch):
     maglev("blind", "answer", out, "--processes", 1)
     maglev("blind", "answer", out, "--processes", 1, "--method", "nothing")
     return out
+
+
+def test_what_the_benchmark_made_is_bound_to_its_code(answered):
+    """A foil and the generator are part of it, the diagnosis is not."""
+    diagnosing, benchmark = (code_version(DIAGNOSING, blind) for blind in (False, True))
+    assert diagnosing != benchmark
+    for folder, version in (("answers", diagnosing), ("answers-nothing", benchmark)):
+        assert json.loads((answered / folder / "c0000.json").read_text())["version"] == version
+    assert json.loads((answered / "set.json").read_text())["version"] == benchmark
+    stale = answered / "answers-nothing" / "c0000.json"
+    stale.write_text(json.dumps(json.loads(stale.read_text()) | {"version": diagnosing}))
+    assert "1 answered" in maglev("blind", "answer", answered, "--processes", 1, "--method", "nothing")
 
 
 def test_methods_stand_beside_the_oracle(answered, tmp_path):

@@ -25,7 +25,6 @@ def answer(
     A foil's answers go to answers-NAME in the folder. Campaigns are sent to the workers of a --scheduler, which need
     no access to the folder. A campaign takes about 45 s of a core.
     """
-    from maglev_lanes.code_version import DIAGNOSING, code_version
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.blind import sealed_set
     from maglev_workbench.console import write_json
@@ -33,4 +32,4 @@ def answer(
     with workers(scheduler, processes) as spread:
         found = sealed_set.answer(folder, processes, spread, method)
     counts = {"answered": found.new, "reused": found.reused, "failed": found.failed}
-    write_json(json_file, {"schema": "maglev-blind-answers/1", "version": code_version(DIAGNOSING), **counts})
+    write_json(json_file, {"schema": "maglev-blind-answers/1", "version": sealed_set.version_of(method), **counts})

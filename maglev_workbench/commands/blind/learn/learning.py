@@ -10,6 +10,7 @@ from rich.table import Table
 from maglev_env.recordings.files import write_text_atomic
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.recordings.result_folder import locked
+from maglev_lanes.code_version import DIAGNOSING, code_version
 from maglev_workbench.commands.blind.sealed_set import made_of
 from maglev_workbench.console import console, progress_bar, write_json
 from sim2real.blind.answer import OPENED
@@ -42,6 +43,7 @@ def learn_folder(folder: Path, out: Path, json_file: Path | None) -> None:
     made_by = {
         "command": f"maglev blind learn --count {made['count']} --seed {made['seed']}",
         "version": versions.pop(),
+        "learned_by": code_version(DIAGNOSING, blind=True),
         "labels_sha256": seal_of(folder),
         "evidence_sha256": digest,
         **worth,

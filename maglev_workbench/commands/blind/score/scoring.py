@@ -33,7 +33,12 @@ def score_folder(folder: Path, answers: list[Path], docs: Path | None, json_file
         raise ValueError(f"{folder} holds no answers: answer it first (maglev blind answer {folder})")
     with locked(folder):
         found = score_set(folder, answers)
-        data = {"schema": "maglev-benchmark/1", "version": code_version(DIAGNOSING), "set": made, **_data(found)}
+        data = {
+            "schema": "maglev-benchmark/1",
+            "version": code_version(DIAGNOSING, blind=True),
+            "set": made,
+            **_data(found),
+        }
         write_json(folder / OPENED, data)
     write_json(json_file, data)
     if docs is not None:
