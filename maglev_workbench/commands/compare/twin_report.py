@@ -85,8 +85,9 @@ def how_to_read(found: Compared) -> str:
         f"the budget allows; what each recommends is run {runs} times on the twin with fresh noise. "
         "Regret: the best such mean of the case, the preset's included, less that of the gains; the "
         "tuner's own shortfall is in it, for all three alike. Cases: singles of at least 10 times the detection "
-        "threshold, answered right or wrong; a diagnosis that names nothing corrects parameters only. A case fails "
-        "when the rotor touches down or a converter clips in any run. Promised: the score where the gains were tuned. "
+        "threshold, answered right or wrong; a diagnosis that names nothing corrects what it writes: parameters, and "
+        "what a free correction finds. A case fails when the rotor touches down or a converter clips in any run. "
+        "Promised: the score where the gains were tuned. "
         "Intervals: 95 %, bootstrap over cases. |S| is the nominal peak at the injection lines: up to 3 is zone A of "
         "ISO 14839-3, above 4 zone C."
     )

@@ -55,11 +55,16 @@ def case_regret(answer: Answer, rig: Rig, truth: Truth, case_id: str) -> CaseReg
         truth: The truth of the twin.
         case_id: Identity of the case.
     """
-    choice = gain_choice(rig, Point(correction(answer, rig), answer.changes), truth.speed_rpm)
+    choice = gain_choice(rig, corrected_point(answer, rig), truth.speed_rpm)
     planned = [replace(protocol_experiment(rig, one), speed_rpm=truth.speed_rpm) for one in gain_sets(rig.gains)]
     twin = np.array([twin_score(e, truth) for e in planned])
     nominal, corrected = (twin[np.argmax(scores)] for scores in (choice.nominal, choice.corrected))
     return CaseRegret(case_id, float(twin.max()), float(nominal), float(corrected))
+
+
+def corrected_point(answer: Answer, rig: Rig) -> Point:
+    """The simulator that an answer puts in place of the nominal one; an answer that names nothing corrects nothing."""
+    return Point(correction(answer, rig), answer.changes if answer.cause else {})
 
 
 def correction(answer: Answer, rig: Rig) -> Effects:

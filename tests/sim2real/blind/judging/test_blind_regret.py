@@ -14,8 +14,9 @@ from maglev_env.task.protocol import env_protocol
 from sim2real.advice import gain_choice
 from sim2real.advice.gain_choice import FACTORS
 from sim2real.blind.cases import Hypothesis, parse_diagnosis
-from sim2real.blind.judging.regret import CaseRegret, case_regret, correction, regret_row, twin_score
+from sim2real.blind.judging.regret import CaseRegret, case_regret, corrected_point, correction, regret_row, twin_score
 from sim2real.blind.twin import Truth
+from sim2real.compared.point import Point
 
 
 def answered(cause, which):
@@ -37,6 +38,16 @@ def test_the_correction_is_the_most_probable_member_of_the_cause_with_its_parame
     assert correction(answered(["delay"], {"delay": (1.0, {"delay.time": 5.0})}), rig) == {}  # out of bounds
     support = answered(["support_stiffness"], {"support_stiffness": (1.0, {"support_stiffness.change": 0.1})})
     assert correction(support, rig) == {}  # no support on this rig
+
+
+def test_an_answer_that_names_nothing_corrects_nothing():
+    """Not even parameters, which a diagnosis writes into the corrected rig as far as calibration explains the gap."""
+    rig, changes = load_rig("hmb_free"), {"actuator_gain": -0.08}
+    for verdict in ("unexplained", "no_gap"):
+        given = parse_diagnosis(diagnosis(verdict) | {"corrected": {"effects": {}, "changes": changes}}, 1.0, "v")
+        assert corrected_point(given, rig) == Point({}, {})
+    named = replace(answered(["mass"], {"mass": (1.0, {"mass.change": 0.1})}), changes=changes)
+    assert corrected_point(named, rig) == Point({"mass": {"change": 0.1}}, changes)
 
 
 def test_the_sum_of_regrets_is_compared():
