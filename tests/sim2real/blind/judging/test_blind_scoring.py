@@ -29,6 +29,7 @@ def answer(verdict, cause=(), **more):
     return parse_diagnosis(diagnosis(verdict, cause, **more), 30.0, "v")
 
 
+SAID = {"level": 0.9, "hypotheses": [["mass"], ["delay"]]}
 FAILED = replace(answer("no_gap"), error="broke", verdict="error", which=())
 
 
@@ -126,6 +127,10 @@ def test_none_and_calibration_are_one_hypothesis_and_the_set_is_the_smallest():
     assert smallest_set(merged(given)) == {frozenset({n}) for n in ("none", "delay", "mass")}
     assert smallest_set([(frozenset({"a"}), 0.9), (frozenset({"b"}), 0.1)]) == {frozenset({"a"})}
     assert not judge(case(effects=["damping"]), given).covered
+    # Where a diagnosis knows of no set, it counts by the probabilities that it states; a set that it says is its own.
+    none_said, said = (parse_diagnosis(diagnosis("no_gap") | {"likely": one}, 1.0, "v") for one in (None, SAID))
+    assert none_said.likely is None and judge(case("none"), none_said).covered
+    assert judge(case(effects=["mass"]), said).covered and not judge(case("none"), said).covered
     failed = judge(case("none"), FAILED)
     assert failed.false_alarm and not failed.covered and not failed.top_right and failed.top_probability == 1
 
