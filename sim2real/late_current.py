@@ -51,10 +51,12 @@ def without_current(records: Sequence[Record | OpenRecord]) -> list[Record | Ope
 
 
 def in_words(later: float) -> str:
+    """A sentence on a `lateness` of either sign."""
+    then, current, displacement = ("later", "late", "early") if later > 0 else ("earlier", "early", "late")
     return (
-        f"the current is not compared: it says that the command comes {later:.2g} s later than the "
-        "displacement does. Its readings are late, or the displacement's are early; state delay and delay_tolerance "
-        "of the current"
+        f"the current is not compared: it says that the command comes {abs(later):.2g} s {then} than the "
+        f"displacement does. Its readings are {current}, or the displacement's are {displacement}; state delay and "
+        "delay_tolerance of the one that is"
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from sim2real.compared.crossed import crossed_columns
 from sim2real.compared.drive_errors import drive_columns
 from sim2real.compared.law_shape import (
+    BEND,
     FORM_NAME,
     STEEPNESS_NAME,
     law_shapes,
@@ -45,7 +46,6 @@ from sim2real.recorded.ringing import ringing
 
 # Power that a simulation leaves of what is compared, over that of the noise, up to which a stand-in may follow it.
 NEAR = 3.0
-BEND = 0.25  # standard deviations of a shape, for its direction at a law that is bent already
 
 
 @dataclass(frozen=True)

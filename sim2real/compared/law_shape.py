@@ -28,6 +28,7 @@ from sim2real.recorded.open_record import OpenRecord
 # One standard deviation. From a square to an exponential of the same steepness are two of FORM, which doubles the
 # exponent of the distance and the distance itself; STEEPNESS is that of the change of the gain with the gap.
 FORM, STEEPNESS = 1.0, 0.1
+BEND = 0.25  # standard deviations of a shape, for its direction at a law that is bent already
 FORM_NAME, STEEPNESS_NAME = "form of the force law", "steepness of the force law"
 # One standard deviation of the current at rest, in that current.
 REST = 0.01
@@ -63,11 +64,15 @@ def bent(rig: Rig, amounts: Mapping[str, float]) -> Rig:
     where a law cannot have that shape."""
     law, centre = force_law(axis_rig(rig, 0)), effect_value(rig.effects, "eccentricity")
     shape = {name: effect_value(rig.effects, "force_law", name) for name in ("exponent", "offset")}
-    for name, directions in shape_directions(rig).items():
+    ways = shape_directions(rig)
+    for name, directions in ways.items():
         for key, change in zip(shape, directions, strict=True):
             shape[key] += amounts.get(name, 0.0) * change
-    if not _possible(*shape.values()):
-        return rig
+    further = (
+        tuple(at + BEND * change for at, change in zip(shape.values(), way, strict=True)) for way in ways.values()
+    )
+    if not all(_possible(*one) for one in (tuple(shape.values()), *further)):
+        return rig  # it is asked from there which way it bends on (`law_shapes`)
     effects = {**rig.effects, "force_law": shape}
     plain, was, now = linearise(law), *(linearise(shaped_law(law, own), centre) for own in (rig.effects, effects))
     if any(a * b <= 0 for a, b in zip(was, now, strict=True)):

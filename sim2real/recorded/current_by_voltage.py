@@ -5,7 +5,7 @@ through the coil, and induces k_i v against that current: by the energy that the
 the same. Left out, it acts as a damping of k_i^2 / R, behind the coil's own lag.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,12 @@ class CurrentByVoltage:
     note: str
 
 
+def told_by_voltage(rig: Rig, channels: Collection[str]) -> bool:
+    """Whether only the voltage of these channels tells a current, and the rig knows the coil."""
+    known = rig.controlled and rig.coil_resistance > 0 and rig.coil_inductance is not None
+    return known and "voltage" in channels and not {"current", "command"} & {*channels}
+
+
 def current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float) -> CurrentByVoltage | None:
     """The coils' currents where only their voltage is recorded and the rig knows the coil; else None.
 
@@ -45,14 +51,13 @@ def current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float
         channels: Of a recording, name -> (axes, samples), SI.
         rate: Of the samples, Hz.
     """
-    coil = rig.coil_resistance > 0 and rig.coil_inductance is not None
-    if not coil or "voltage" not in channels or {"current", "command"} & channels.keys():
+    if not told_by_voltage(rig, channels):
         return None
     currents, errors = [], []
     for axis, letter in enumerate(suffixes(rig.axes)):
         own = axis_rig(rig, axis)
         assert own.coil_inductance is not None
-        gain = linearise(force_law(own))[0] if own.controlled else 0.0
+        gain = linearise(force_law(own))[0]
         # Over each step between two samples, as the voltage is: the mean velocity.
         velocity = rate * np.diff(channels["displacement"][axis], append=channels["displacement"][axis][-1:])
         terms = own.coil_resistance, own.coil_inductance

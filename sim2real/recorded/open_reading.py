@@ -84,7 +84,9 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         channels["current"] = by_voltage.current
         notes.append(by_voltage.note)
     try:
-        drive = drive_of(rig, spec, channels)
+        # A voltage as it was measured is a better drive than what the nominal amplifier makes of a stated controller:
+        # it has what the motion induces, and every limit.
+        drive = drive_of(rig, spec, channels, known=by_voltage is None, smooth=by_voltage is not None)
         if not drive.stand_in and (wrong := not_stable(drive.experiment)):
             # The recorded loop held the rotor: what the magnets did is in their current, whatever made it. A command
             # goes through the amplifier, which may be what is stated wrong.
@@ -148,7 +150,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         stretch.windows,
         drive.every,
         drive.upstream,
-        channel_errors(spec),
+        _of_channels(spec, by_voltage),
         source,
         rests,
         lacks=lacks,
@@ -232,6 +234,14 @@ def _stated(spec: RecordingSpec, channel: str) -> list[ChannelSource]:
     return [source for name, source in spec.channels.items() if name.partition("_")[0] == channel]
 
 
+def _of_channels(spec: RecordingSpec, by_voltage: CurrentByVoltage | None) -> tuple[ChannelError, ...]:
+    """The errors that a campaign states; those of a voltage from which the current is computed are the current's."""
+    found = channel_errors(spec)
+    if by_voltage is None:
+        return found
+    return tuple(replace(e, channel="current") if e.channel == "voltage" else e for e in found)
+
+
 def _untold(spec: RecordingSpec, drive: Drive, exact: bool, by_voltage: CurrentByVoltage | None) -> list[ChannelError]:
     """Errors of a stand-in's drive of which nothing is stated: the time between its readings and those of the
     displacement, the scale of a current, and what it does between its samples, where it is not held.
@@ -245,7 +255,7 @@ def _untold(spec: RecordingSpec, drive: Drive, exact: bool, by_voltage: CurrentB
     step, found = drive.multiple / spec.sample_rate, []
     names = suffixes(drive.experiment.rig.axes)
     for axis, driving in enumerate(drive.source + letter for letter in names):
-        stated = spec.channels.get(driving)
+        stated = spec.channels.get(driving if by_voltage is None else driving.replace("current", "voltage"))
         if stated is None or stated.delay_tolerance is None:
             late = (UNTOLD_ALONG if exact else UNTOLD) * step
             found.append(ChannelError(f"time between {driving} and displacement", drive.source, axis, delay=late))

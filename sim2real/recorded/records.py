@@ -22,6 +22,7 @@ from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.at_rest.static_evidence import Rests, rests_of
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
+from sim2real.recorded.current_by_voltage import told_by_voltage
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.ticks import jitters
@@ -140,6 +141,8 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     if jitters(dataset, spec.gains, spec.excitations, campaign.rig.axes, campaign.rig.control_rate):
         found = open_record(campaign, spec, dataset)
         return replace(found, notes=(WITHOUT_PERIOD, *found.notes))
+    if told_by_voltage(campaign.rig, {name.partition("_")[0] for name in spec.channels}):
+        return open_record(campaign, spec, dataset)  # driven by the voltage as it was measured, whatever the controller
     where = campaign.folder / spec.file
     signals = recorded_signals(campaign, spec, dataset)
     rig, axes = campaign.rig, campaign.rig.axes

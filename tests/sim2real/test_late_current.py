@@ -4,6 +4,7 @@ import bench_loop
 import numpy as np
 import pytest
 
+from sim2real.late_current import in_words
 from sim2real.pooled import pooled
 from sim2real.recorded.records import read_records
 
@@ -22,3 +23,11 @@ def test_late_readings_of_the_current_are_no_damping(tmp_path, late):
     for name, value in truth.items():
         assert abs(found[name].value - value) < 3 * found[name].se, name
     assert any("the current is not compared" in note for note in result.notes) is bool(late)
+
+
+def test_words_name_the_channel_that_is_late():
+    assert "comes 0.001 s later" in in_words(
+        1e-3
+    ) and "Its readings are late, or the displacement's are early" in in_words(1e-3)
+    assert "comes 0.0004 s earlier" in in_words(-4e-4)
+    assert "Its readings are early, or the displacement's are late" in in_words(-4e-4)

@@ -165,7 +165,9 @@ class Drive:
         return np.asarray(scipy.fft.irfft(fine, 2 * n * self.every, axis=1))[:, : n * self.every] * self.every
 
 
-def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], known: bool = True) -> Drive:
+def drive_of(
+    rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], known: bool = True, smooth: bool = False
+) -> Drive:
     """What drives a recording.
 
     Args:
@@ -173,6 +175,7 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
         spec: the recording.
         channels: channel -> (axes, samples) at the recording's rate.
         known: whether the stated controller is what made the command of these channels.
+        smooth: whether the current is that of a coil whose voltage is recorded, which nothing holds between samples.
 
     Raises:
         TellsNothing: nothing that is known drives the recording.
@@ -210,7 +213,7 @@ def drive_of(rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], 
             "record the current in the coil, or the command at the control rate (with the gains, what was added to it "
             "follows), or the injection, reference or force",
         )
-    return _stood_in(rig, spec, channels, source, every)
+    return _stood_in(rig, spec, channels, source, every, smooth)
 
 
 def _holds(spec: RecordingSpec, every: int) -> bool:
@@ -224,13 +227,14 @@ def _force_in_words(held: bool) -> str:
 
 
 def _stood_in(
-    rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], source: str | None, every: int
+    rig: Rig, spec: RecordingSpec, channels: Mapping[str, np.ndarray], source: str | None, every: int, smooth: bool
 ) -> Drive:
     """The loop under a stand-in controller, driven by the measured current or command, or by the force alone.
 
     Args:
         source: "current", "command", or None for a rig without magnets.
         every: control samples of the rig for each recorded one; 0 where the rates do not fit.
+        smooth: as of `drive_of`.
     """
     finer = finer_steps(rig, spec.sample_rate)
     upstream = frozenset(n for n, card in EFFECTS.items() if card.block in ("controller", "amplifier"))
@@ -245,9 +249,10 @@ def _stood_in(
     )
     # A converter holds for a control step; a recording that is slower than the controller shows nothing held.
     force_held = _holds(spec, every)
-    held = (spec.intersample == "zoh" and every <= 1) or (
+    stated = (spec.intersample == "zoh" and every <= 1) or (
         spec.intersample is None and source == "command" and every == 1
     )
+    held = stated and not smooth
     if source is None:
         e = without_noise(Experiment(rig, NO_CONTROLLER, (), speed_rpm=spec.speed_rpm))
         return Drive(e, held=held, force_held=force_held, every=finer, notes=(_force_in_words(force_held),))

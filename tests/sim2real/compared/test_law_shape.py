@@ -13,7 +13,7 @@ from maglev_env.loop.magnets.law import force, linearise, reshaped
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import rig_from_toml
-from sim2real.compared.law_shape import FORM_NAME, STEEPNESS_NAME, bent, law_shapes
+from sim2real.compared.law_shape import BEND, FORM_NAME, STEEPNESS_NAME, bent, law_shapes, shape_directions
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
 from sim2real.recorded.records import read_records
@@ -91,3 +91,16 @@ def test_magnets_without_a_stiffness_keep_none_under_every_shape():
     for point in law_shapes(rig, Point({}, {})).values():
         assert point.effects["negative_stiffness"]["change"] == 0.0
         assert point.effects["actuator_gain"]["change"] == pytest.approx(0.0, abs=0.5)
+
+
+@pytest.mark.parametrize("name", [FORM_NAME, STEEPNESS_NAME])
+def test_a_bent_law_has_room_to_bend_on(name):
+    """A recording may ask for much; the directions of the shape are then looked at beside that law."""
+    rig = rig_from_toml(BALL, "ball.toml")
+    moved = 0
+    for amount in np.linspace(-12.0, 12.0, 97):
+        own = bent(rig, {name: amount})
+        moved += own is not rig
+        for point in law_shapes(own, Point({}, {}), shape_directions(rig), BEND).values():
+            Experiment(rig, rig.gains, (), effects=point.effects)
+    assert 10 < moved < 97

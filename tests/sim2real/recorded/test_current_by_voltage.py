@@ -2,15 +2,19 @@
 
 from dataclasses import replace
 
+import ball_bench
 import numpy as np
 import pytest
+from ball_bench import BALL
 from scipy.integrate import solve_ivp
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.rig_file import load_rig
+from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.current_by_voltage import current_by_voltage
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import read_records
 
 RATE, N, RESISTANCE, INDUCTANCE = 2000.0, 4000, 4.0, 0.03
 RIG = replace(load_rig("eframe"), coil_resistance=RESISTANCE, coil_inductance=INDUCTANCE)
@@ -63,3 +67,31 @@ def test_a_recorded_current_or_an_unknown_coil_needs_no_voltage(coil):
     channels = {"voltage": voltage[None], "displacement": displacement[None]}
     assert current_by_voltage(RIG, channels | {"current": current[None]}, RATE) is None
     assert current_by_voltage(replace(RIG, coil_inductance=None), channels, RATE) is None
+
+
+@pytest.mark.parametrize("excitation", ["none", "multisine"])
+@pytest.mark.parametrize("controller", ["", "{ kp = 200.0, ki = 1500.0, kd = 3.5, td = 2e-3 }"])
+def test_a_measured_voltage_drives_whatever_else_is_stated(tmp_path, controller, excitation):
+    """What a stated controller and the nominal amplifier would make lacks what the motion induces."""
+    text = BALL.replace("[gains]", "coil_resistance = 4.0\ncoil_inductance = 4e-3\n[gains]", 1)
+    reference = 1e-4 * np.sin(2 * np.pi * 5 * np.arange(2000) / 1000)
+    run = ball_bench.record(rig_from_toml(text, "ball"), 2.0, 3, reference=reference)
+    current = run["current"]
+    voltage = 4.0 * current + 4e-3 * np.gradient(current, 1e-3)
+    runs = {"one": {"displacement": run["displacement"], "voltage": voltage, "reference": reference}}
+    folder = ball_bench.write_campaign(tmp_path, text, controller, runs, ("displacement", "voltage", "reference"))
+    path, stated = folder / "campaign.toml", 'voltage = { from = "voltage" }'
+    toml = path.read_text().replace("controller = \n", "")
+    toml = toml.replace(stated, 'voltage = { from = "voltage", delay_tolerance = 2e-5 }').replace(
+        "sample_rate", 'intersample = "zoh"\nsample_rate'
+    )
+    if excitation == "multisine":
+        wave = 'kind = "multisine", at = "reference", period_samples = 200, amplitude = 1e-4, lines = [1]'
+        toml = toml.replace('kind = "none"', wave)
+    path.write_text(toml)
+    ((record,),) = (read_records(folder)[1],)
+    assert isinstance(record, OpenRecord) and record.source == "current"
+    assert any("computed from the voltage" in note for note in record.notes)
+    assert any("straight lines between samples" in note for note in record.notes)  # a converter holds the voltage alone
+    delays = [e for e in record.errors if e.delay]
+    assert [(e.name, e.channel, e.delay) for e in delays] == [("delay of voltage", "current", 2e-5)]
