@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,10 @@ class Band:
 
     Stiffness and damping are means over the band, and the ranges are those of their curves inside it. Where noise is
     more than CLEAR_NOISE of the displacement, or lines are few, they are the constants that fit best, without ranges.
+
+    Intervals and standard errors hold the errors that all bands of a recording have in common, as that of the mass.
+    `common` has for each of them, in the same order in all bands, by how much one standard error moves the stiffness,
+    N/m, and the damping, N s/m, of this one: a mean over bands does not average them out.
     """
 
     f_lo: float
@@ -57,6 +62,7 @@ class Band:
     effective_damping: float | None
     stiffness_range: tuple[float, float] | None = None
     damping_range: tuple[float, float] | None = None
+    common: tuple[tuple[float, float], ...] = ()
 
 
 def band_layout(force: LineStatistics, rig: Rig | None, width: float | None, overlap: float | None) -> np.ndarray:
@@ -149,14 +155,12 @@ def _coefficients(
 def with_gain_uncertainty(band: Band, share: float, mass: float) -> Band:
     """The band with intervals widened by a relative error of the actuator gain, which scales k - m w^2 and c."""
     w = np.pi * (band.f_lo + band.f_hi)
-    wide = _widened(band, "stiffness", share * abs(band.stiffness - mass * w**2))
-    return _widened(wide, "damping", share * abs(band.damping))
+    return _widened(band, share * (band.stiffness - mass * w**2), share * band.damping)
 
 
 def with_relative_uncertainty(band: Band, share: float) -> Band:
     """The band with intervals widened by a relative error of all that is told, as of the mass that sets the scale."""
-    wide = _widened(band, "stiffness", share * abs(band.stiffness))
-    return _widened(wide, "damping", share * abs(band.damping))
+    return _widened(band, share * band.stiffness, share * band.damping)
 
 
 def with_timing_uncertainty(band: Band, time: float, mass: float) -> Band:
@@ -165,23 +169,33 @@ def with_timing_uncertainty(band: Band, time: float, mass: float) -> Band:
     Of a force that comes late by t, the part (k - m w^2) y turns by w t, as that of a damping t (k - m w^2) does.
     """
     w = np.pi * (band.f_lo + band.f_hi)
-    return _widened(band, "damping", time * abs(band.stiffness - mass * w**2))
-
-
-def _widened(band: Band, name: str, se: float) -> Band:
-    """The band with one coefficient's interval and standard errors, of both methods, widened by an independent one."""
-    value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")
-    ci = (
-        float(value - np.hypot(value - low, NORMAL_95 * se)),
-        float(value + np.hypot(high - value, NORMAL_95 * se)),
-    )
-    errors = {one: float(np.hypot(getattr(band, one), se)) for one in (f"{name}_se", f"ls_{name}_se")}
-    return replace(band, **errors, **{f"{name}_ci": ci})
+    return _widened(band, 0.0, time * (band.stiffness - mass * w**2))
 
 
 def with_mass_uncertainty(band: Band, mass_se: float) -> Band:
     """The band with its stiffness interval widened by a mass error, which changes k by w^2 times as much."""
-    return _widened(band, "stiffness", mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2)
+    return _widened(band, mass_se * (np.pi * (band.f_lo + band.f_hi)) ** 2, 0.0)
+
+
+def _widened(band: Band, stiffness: float, damping: float) -> Band:
+    """The band with intervals and standard errors, of both methods, widened by an error that all bands have in common.
+
+    Args:
+        band: as it was.
+        stiffness: what one standard error of it adds to the stiffness, N/m.
+        damping: what it adds to the damping, N s/m.
+    """
+    changes: dict[str, Any] = {"common": (*band.common, (float(stiffness), float(damping)))}
+    for name, se in (("stiffness", stiffness), ("damping", damping)):
+        value, (low, high) = getattr(band, name), getattr(band, f"{name}_ci")
+        half = NORMAL_95 * se
+        changes[f"{name}_ci"] = (
+            float(value - np.hypot(value - low, half)),
+            float(value + np.hypot(high - value, half)),
+        )
+        for one in (f"{name}_se", f"ls_{name}_se"):
+            changes[one] = float(np.hypot(getattr(band, one), se))
+    return replace(band, **changes)
 
 
 def _effective(

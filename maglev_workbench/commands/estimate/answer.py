@@ -39,7 +39,8 @@ class Constant:
 
     Attributes:
         value: Its weighted mean over bands that do not overlap.
-        interval: Its 95 % interval, widened by the bands' scatter; the smallest and largest value where it varies.
+        interval: Its 95 % interval, widened by the bands' scatter, with the errors that they have in common; the
+            smallest and largest value where it varies.
         varies: Whether it varies with frequency by more than its uncertainty.
     """
 
@@ -71,18 +72,43 @@ def _spread(band: Band) -> float:
 
 
 def over_bands(bands: Sequence[Band], name: str) -> Constant:
-    """A coefficient over bands that do not overlap."""
+    """A coefficient over bands that do not overlap.
+
+    Their own errors average out; those that they have in common, as of the mass or the actuator gain, do not.
+    """
     value = np.array([getattr(b, name) for b in bands])
     low, high = np.array([getattr(b, f"{name}_ci") for b in bands]).T
-    weight = ((high - low) / (2 * NORMAL_95)) ** -2.0
+    error = (high - low) / (2 * NORMAL_95)
+    weight = error**-2.0
     mean = float(np.average(value, weights=weight))
-    scatter = float(np.sum(weight * (value - mean) ** 2) / max(value.size - 1, 1))
-    if value.size > 1 and scatter > STEADY:
-        return Constant(mean, (float(value.min()), float(value.max())), True)
-    half = NORMAL_95 * float(np.sqrt(max(scatter, 1.0) / weight.sum()))
     if value.size == 1:
         return Constant(mean, (float(low[0]), float(high[0])), False)
+    moved = _common(bands, name)
+    own = _own(error, moved)
+    # What remains of the deviations where each common error takes the size, in its standard errors, that explains most.
+    columns = np.column_stack([np.ones(value.size), moved]) / own[:, None]
+    prior = np.eye(columns.shape[1])[1:]
+    free, told = np.vstack([columns, prior]), np.append((value - mean) / own, np.zeros(len(prior)))
+    left = told - free @ np.linalg.lstsq(free, told)[0]
+    scatter = float(left @ left) / (value.size - 1)
+    # A deviation that the common errors explain, or that is small beside them, is no change with frequency.
+    if min(scatter, np.sum(weight * (value - mean) ** 2) / (value.size - 1)) > STEADY:
+        return Constant(mean, (float(value.min()), float(value.max())), True)
+    variance = max(scatter, 1.0) * np.sum(weight**2 * own**2) + np.sum((weight @ moved) ** 2)
+    half = NORMAL_95 * float(np.sqrt(variance)) / weight.sum()
     return Constant(mean, (mean - half, mean + half), False)
+
+
+def _common(bands: Sequence[Band], name: str) -> np.ndarray:
+    """(bands, errors): by how much one standard error of each that all bands have in common moves a coefficient, SI."""
+    axis = tuple(COEFFICIENTS).index(name)
+    errors = len(bands[0].common) if bands else 0
+    return np.array([[both[axis] for both in b.common] for b in bands]).reshape(len(bands), errors)
+
+
+def _own(error: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Of the bands' standard errors (bands,) what each has alone, without the common ones (bands, errors)."""
+    return np.sqrt(np.maximum(error**2 - np.sum(moved**2, axis=1), (LEAST_OWN * error) ** 2))
 
 
 def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Pooled | None, linear: bool = False) -> str:
@@ -123,12 +149,8 @@ def _second_body(found: Identification) -> str:
             apart.append(band)
     middle = np.array([(b.f_lo + b.f_hi) / 2 for b in apart])
     stiffness, error = np.array([(b.stiffness, b.stiffness_se) for b in apart]).reshape(-1, 2).T
-    if found.actuator is not None:
-        # An error of the gain is that of all bands alike, and makes no jump between two of them.
-        gain = found.actuator.gain_se / abs(found.actuator.gain)
-        shared = gain * (stiffness - found.mass * (2 * np.pi * middle) ** 2)
-        error = np.sqrt(np.maximum(error**2 - shared**2, (LEAST_OWN * error) ** 2))
-    pole = stiffness_pole(middle, stiffness, error)
+    # An error of the gain or the mass is that of all bands alike, and makes no jump between two of them.
+    pole = stiffness_pole(middle, stiffness, _own(error, _common(apart, "stiffness")))
     if pole is None:
         return ""
     scale, unit = prefixed(max(pole.stiffness, key=abs), "N/m")

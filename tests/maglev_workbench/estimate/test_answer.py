@@ -8,6 +8,7 @@ from test_estimate_report import band, identification
 
 from estimation.actuator import ActuatorEstimate
 from estimation.lines.frequency_response import Distortion
+from estimation.normal import NORMAL_95
 from maglev_workbench.commands.estimate.answer import estimate_answer, over_bands, trusted
 from maglev_workbench.commands.estimate.pooled_report import pooled_sections
 from sim2real.coefficients import Coefficient
@@ -70,6 +71,26 @@ def test_many_bands_cover_as_stated():
     assert 0.93 < inside / 2000 < 0.99  # the scatter only widens it
 
 
+def test_what_bands_have_in_common_does_not_average_out():
+    """As above with an error of the gain, and one of the mass that moves the upper bands most, over 2000 draws."""
+    rng, inside, mean = np.random.default_rng(1), 0, []
+    moves = np.stack([np.full(8, 150.0), 10.0 * np.arange(8.0) ** 2], axis=1)
+    half = NORMAL_95 * np.sqrt(50.0**2 + np.sum(moves**2, axis=1))
+    for _ in range(2000):
+        values = 3e4 + 50 * rng.standard_normal(8) + moves @ rng.standard_normal(2)
+        bands = [
+            band(15.0 * i, stiffness=v, stiffness_ci=(v - h, v + h), common=tuple((m, 0.0) for m in moved))
+            for i, (v, h, moved) in enumerate(zip(values, half, moves, strict=True))
+        ]
+        found = over_bands(bands, "stiffness")
+        assert not found.varies
+        low, high = found.interval
+        inside += low <= 3e4 <= high
+        mean.append(found.value)
+    assert 0.93 < inside / 2000 < 0.97
+    assert (high - low) / 2 == pytest.approx(NORMAL_95 * np.std(mean), rel=0.1)
+
+
 def test_the_best_of_several_recordings_answers_and_the_actuator_is_said():
     none = identification(bands=(band(1.0, informative=False),))
     gain = ActuatorEstimate(0.93, -50.0, 0.0, 0.01, 1.0, 0.1, 1.0, 0.0)
@@ -85,10 +106,11 @@ def test_a_gain_that_is_poorly_known_hides_no_second_body():
     w, w2, loss = 2 * np.pi * middle, 2 * np.pi * 100, 0.004
     moved = w2**2 * (1 + 2j * loss * w / w2) / (w2**2 - w**2 + 2j * loss * w * w2)
     stiffness = -7.7e5 + 1.25 * w**2 - (1.25 * w**2 * moved).real
-    error = np.hypot(5e3, share * (stiffness - mass * w**2))
+    common = share * (stiffness - mass * w**2)
+    error = np.hypot(5e3, common)
     bands = tuple(
-        band(f - 18, f_hi=f + 18, stiffness=k, stiffness_se=e, stiffness_ci=(k - 2 * e, k + 2 * e))
-        for f, k, e in zip(middle, stiffness, error, strict=True)
+        band(f - 18, f_hi=f + 18, stiffness=k, stiffness_se=e, stiffness_ci=(k - 2 * e, k + 2 * e), common=((g, 0.0),))
+        for f, k, e, g in zip(middle, stiffness, error, common, strict=True)
     )
     gain = ActuatorEstimate(192.0, -7.7e5, 0.0, share * 192, 1.0, 0.1, 1.0, 0.0)
     text = estimate_answer([("run.mat", identification(bands=bands, mass=mass, actuator=gain))], None)
