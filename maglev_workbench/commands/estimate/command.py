@@ -61,7 +61,11 @@ def estimate(
     from maglev_env.recordings.campaign import load_campaign, with_mass
 
     # What is wrong with it is told before the imports that take longer.
-    stated = load_campaign(source) if source.is_dir() or source.suffix == ".toml" else None
+    is_campaign = source.is_dir() or source.suffix == ".toml"
+    of_one_file = [f"--{name}" for name in given(context) if name in ONE_FILE]
+    if is_campaign and of_one_file:
+        raise ValueError(f"{', '.join(of_one_file)} for one file only; the campaign {source} states its own")
+    stated = load_campaign(source) if is_campaign else None
     from html import escape as html
 
     from maglev_env.recordings.guess.verified import guessed_campaign
@@ -74,7 +78,7 @@ def estimate(
     if stated is not None:
         campaign = stated
         page = out or campaign.folder / "estimate.html"
-    elif not set(given(context)) & ONE_FILE:
+    elif not of_one_file:
         campaign, guess = guessed_campaign(source, mass=mass)
         page = out or source.with_suffix(".html")
         for found in guess.guesses:

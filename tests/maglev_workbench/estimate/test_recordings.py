@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from bench_loop import Bench, write_campaign
 from campaigns import planned, write
+from command_line import CAMPAIGN, maglev
 
 from maglev_env.recordings.campaign import load_campaign, with_mass
 from maglev_env.rig.excitation import Excitation
@@ -100,3 +101,13 @@ def test_another_mass_is_that_of_the_rig_that_is_fitted(tmp_path):
         found.append({c.name: c for c in together.coefficients})
     for name in ("actuator_gain", "negative_stiffness"):
         assert found[1][name].value == pytest.approx(1.2 * found[0][name].value, rel=0.03)
+
+
+def test_options_of_one_file_are_refused_for_a_campaign(tmp_path):
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    for option in (("--start", 77), ("--force", "y"), ("--recorded",)):
+        text = maglev("estimate", tmp_path, *option, code=2)
+        assert f"{option[0]} for one file only; the campaign" in text
+    assert "--rate, --lines for one file only" in maglev(
+        "estimate", tmp_path / "campaign.toml", "--lines", "1:50", "--rate", 5000, code=2
+    )
