@@ -127,15 +127,19 @@ def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Poole
     sure = trusted(found.bands)
     if not sure:
         return f"{among}no band bounds stiffness and damping; `maglev check` says what to record instead."
-    parts = [_in_words(name, over_bands(sure, name)) for name in COEFFICIENTS]
+    constants = {name: over_bands(sure, name) for name in COEFFICIENTS}
+    steady = [_in_words(name, one) for name, one in constants.items() if not one.varies]
+    varying = [_in_words(name, one) for name, one in constants.items() if one.varies]
     if found.actuator is not None:
         gain, se = found.actuator.gain, found.actuator.gain_se
         scale, unit = prefixed(gain, "N/A")
         half = NORMAL_95 * se * scale
-        parts.append(f"actuator gain {with_interval(gain * scale, gain * scale - half, gain * scale + half)} {unit}")
+        steady.append(f"actuator gain {with_interval(gain * scale, gain * scale - half, gain * scale + half)} {unit}")
     without = " without the controller" if found.actuator is not None else ""
-    band = f"trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz"
-    said = f"{among}{', '.join(parts)}{without} (95 %), {band}{_second_body(found)}"
+    # What varies is told by the values of the bands, which no 95 % belong to.
+    values = f"{', '.join(steady)}{'' if varying else without} (95 %)" if steady else ""
+    values = ", ".join(filter(None, (values, *varying))) + (without if varying else "")
+    said = f"{among}{values}, trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz{_second_body(found)}"
     bent = found.distortion
     mind = LINEAR if linear else AT_THIS_MOTION if found.actuator and bent.even is None and bent.odd is None else ""
     return f"{said}; {mind}." if mind else f"{said}."

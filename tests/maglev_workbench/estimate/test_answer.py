@@ -44,7 +44,12 @@ def test_where_the_current_stands_for_the_force_the_motion_counts_unless_detecti
 def test_a_coefficient_that_varies_has_its_range():
     rising = (band(1.0), band(16.0, stiffness=4e4, stiffness_ci=(3.99e4, 4.01e4)))
     text = estimate_answer([("run1.npz", identification(bands=rising))], None)
-    assert "stiffness varying from 30.0 to 40.0 kN/m" in text and "damping 30.00 ±0.71 N s/m" in text
+    assert "damping 30.00 ±0.71 N s/m (95 %), stiffness varying from 30.0 to 40.0 kN/m, trusted" in text
+    both = (rising[0], replace(rising[1], damping=50.0, damping_ci=(49.0, 51.0)))
+    assert "%" not in estimate_answer([("run1.npz", identification(bands=both))], None)
+    magnets = ActuatorEstimate(0.93, -50.0, 0.0, 0.01, 1.0, 0.1, 1.0, 0.0)
+    text = estimate_answer([("run1.npz", identification(bands=both, actuator=magnets))], None)
+    assert "actuator gain 0.930 ±0.020 N/A (95 %), stiffness varying" in text and "N s/m without the controller" in text
 
 
 def test_overlapping_and_unbounded_bands_do_not_count():

@@ -108,6 +108,6 @@ def test_options_of_one_file_are_refused_for_a_campaign(tmp_path):
     for option in (("--start", 77), ("--force", "y"), ("--recorded",)):
         text = maglev("estimate", tmp_path, *option, code=2)
         assert f"{option[0]} for one file only; the campaign" in text
-    assert "--rate, --lines for one file only" in maglev(
+    assert "--lines, --rate for one file only" in maglev(
         "estimate", tmp_path / "campaign.toml", "--lines", "1:50", "--rate", 5000, code=2
     )
