@@ -13,6 +13,7 @@ from estimation.iso_14839 import iso_14839_3_zone
 from maglev_env.loop.gains import Gains
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rotor.operating_point import sag
+from maglev_env.rotor.rotor import Rotor
 from maglev_workbench.commands.runup.study import Report, whirl
 from maglev_workbench.page import facts, note, number, page, table
 
@@ -59,7 +60,7 @@ def run_up_table(found: Report) -> Table:
         result.add_column(name, justify="right")
     for row, touched in zip(_rows(found), found.touchdowns, strict=True):
         result.add_row(*row, style="red" if touched else None)
-    result.caption = f"{COLUMNS} Zone: ISO 14839-2, by the larger peak."
+    result.caption = f"{COLUMNS} Zone: ISO 14839-2, by the larger peak. Gains: {_all_gains(found.rotor)}."
     return result
 
 
@@ -131,8 +132,7 @@ def run_up_page(found: Report) -> str:
         sections += [("Motor", figures.motor(found)), ("", facts(_motor_facts(found)))]
     if rotor.thermal is not None:
         sections += [("Housing temperature", figures.temperature(found)), ("", facts(_thermal_facts(found)))]
-    gains = "; ".join(f"{name} {_gains(g)}" for name, g in rotor.gains.items())
-    made = {"Rotor": f"{rotor.name}, {rotor.body.mass:g} kg, axis {rotor.axis.name}", "Gains": gains}
+    made = {"Rotor": f"{rotor.name}, {rotor.body.mass:g} kg, axis {rotor.axis.name}", "Gains": _all_gains(rotor)}
     if rotor.rejection is not None:
         made["Force rejection"] = f"{rotor.rejection.rate:g} 1/s from {rotor.rejection.from_speed:g} rpm"
     return page(f"Run-up of {rotor.name}", summary(found), sections, made | {"Seed": found.seed})
@@ -158,8 +158,13 @@ def _contact(touched: dict[str, Any]) -> str:
     return f"{touched['place']}, {number(touched['time'])} s, {number(touched['force'])} N"
 
 
+def _all_gains(rotor: Rotor) -> str:
+    """All that --gains may change, of every controller."""
+    return "; ".join(f"{name} {_gains(one)}" for name, one in rotor.gains.items())
+
+
 def _gains(gains: Gains) -> str:
-    return f"kp {gains.kp:g} A/m, ki {gains.ki:g} A/(m s), kd {gains.kd:g} A s/m"
+    return f"kp {gains.kp:g} A/m, ki {gains.ki:g} A/(m s), kd {gains.kd:g} A s/m, td {gains.td:g} s, ti {gains.ti:g} s"
 
 
 def _sensitivity_zone(peak: float) -> str:

@@ -53,7 +53,8 @@ def test_table_page_and_json(tmp_path):
 def test_a_touchdown_is_told_and_is_no_error(tmp_path):
     js = tmp_path / "r.json"
     picture = tmp_path / "r.png"
-    text = run("--speeds", "0:6000:6000", "--kp", 1500, "--out", tmp_path, "--json", js, "--picture", picture)
+    other = ("--kp", 1500, "--gains", "tilt.ti=0.05")
+    text = run("--speeds", "0:6000:6000", *other, "--out", tmp_path, "--json", js, "--picture", picture)
     assert picture.read_bytes()[1:4] == b"PNG"
     assert "TOUCHDOWN at 2 speeds, first at 0 rpm: bearing" in text
     data = json.loads(js.read_text())
@@ -63,7 +64,10 @@ def test_a_touchdown_is_told_and_is_no_error(tmp_path):
         assert one["place"] in ("bearing a", "bearing b") and 0 < one["time"] < 0.5 and one["force"] > 1
         assert row["zone"] == "D" and row["linear_model"] == [None, None]
     assert all(s["peak_sensitivity"] is None and s["zone"] is None for s in data["sensitivity"])
-    assert "touched down" in (tmp_path / "runup.html").read_text()
+    page = (tmp_path / "runup.html").read_text()
+    assert "touched down" in page
+    for end in ("td 0.0001 s, ti 0.0318 s; tilt", "td 0.0001 s, ti 0.05 s"):
+        assert end in page and end in text
 
 
 def test_out_of_the_motors_reach_is_said_before_any_work(tmp_path, monkeypatch):
