@@ -80,7 +80,7 @@ Figure 3.33|coil winding|p
 Figure 3.34|motor stator|p
 Figure 3.35|3D model of the bearing|p
 Table 3.3|computed forces under axial displacement|c:axial-force:-0.13 N where symmetry has none, a radial force 12 % \
-below eq 3.9, and an axial stiffness 1.4 times Table 5.4's
+below eq 3.9, and an axial stiffness 2.8 times Table 5.4's
 Figure 3.36|radial force over axial displacement|c:axial-force:its level, as Table 3.3; that it hardly varies agrees
 Figure 3.37|axial force over axial displacement|c:axial-force:as Table 3.3
 Figure 3.38|magnets above and below the rotor|d

@@ -49,12 +49,15 @@ def summary(done: Done) -> str:
     """The headline: predictions that agree and differ; consequences and fits apart."""
     rows = [row for _, outcome in done for row in outcome.rows]
     (good, bad), consequences, fits = (_agree_and_differ(rows, kind) for kind in KINDS)
-    elsewhere = sum(bool(row.again) for row in rows)
+    done_here = {item.name for item, _ in done}
+    already = sum(row.again in done_here for row in rows)
+    others = sum(bool(row.again) for row in rows) - already
     return (
         f"{len(done)} experiments, {len(rows)} figures. Of {good + bad} predictions of a published figure {good} agree "
         f"and {bad} differ. Counted apart: {sum(consequences)} consequences of the text's own figures "
         f"({consequences[0]} agree, {consequences[1]} differ) and {sum(fits)} fits ({fits[0]} agree, {fits[1]} "
-        f"differ). {elsewhere} further rows are other ways to figures that are counted already."
+        f"differ). {already} further rows are other ways to figures that are counted already"
+        + (f", and {others} to figures that other experiments count, which were not run." if others else ".")
     )
 
 

@@ -87,6 +87,12 @@ def test_another_seed_agrees_too():
         assert [row.name for row in outcome(name, 7).rows if row.agrees is False] == DIFFERS.get(name, [])
 
 
+def test_the_seed_reaches_other_forces_too():
+    for row in ("the same with twice the force", "the same with half the force"):
+        one, other = ([r.found for r in outcome("rising-stiffness", seed).rows if r.name == row] for seed in (0, 7))
+        assert one != other
+
+
 def test_schroeder_sequence():
     assert found("sphs", "total power of a signal by A.2") == pytest.approx(0.25, rel=1e-12)
     assert found("sphs", "largest difference of our phases from A.3") < 1e-9

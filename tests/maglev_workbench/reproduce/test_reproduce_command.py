@@ -1,6 +1,7 @@
 """`maglev reproduce` as a user runs it: names, page, markdown and JSON, and what is left when it is stopped."""
 
 import json
+import re
 import subprocess
 import sys
 from functools import partial
@@ -17,6 +18,14 @@ from maglev_workbench.commands.reproduce.registry import HOME, chosen
 from maglev_workbench.commands.reproduce.report import cells, reproduce_markdown, summary
 
 DOCS = Path(__file__).parents[3] / "docs" / "reproduce.md"
+# Rows on a figure that is counted in another unit, or as a part of another figure.
+OTHER_UNITS = {
+    "Rotation", "Outlet pressure", "Optimised rotation", "Optimised pressure",  # rad/s and Pa
+    "radial displacement at 14,000 rpm",  # over that at 10,000 rpm
+    "supply current, linear amplifiers, one for each coil",  # the power over 23.5 V
+    "the same, control currents alone, one for each axis",
+    "delay of that lag", "with noise: delay",  # a lag in degrees
+}  # fmt: skip
 QUICK = ("hydraulics", "bearing-coefficients", "stability-conditions", "pedestal", "static-calibration", "sphs")
 
 run = partial(maglev, "reproduce")
@@ -99,7 +108,35 @@ def test_the_headline_counts_predictions_and_each_figure_once():
     text = summary([(Item("x", "X", "Y", lambda seed: Outcome(rows)), Outcome(rows))])
     assert "Of 2 predictions of a published figure 1 agree and 1 differ" in text
     assert "1 consequences of the text's own figures (0 agree, 1 differ) and 1 fits (1 agree, 0 differ)" in text
-    assert "1 further rows" in text
+    assert "1 further rows are other ways to figures that are counted already." in text
+
+
+def test_a_part_run_says_what_other_experiments_count():
+    rows = (Row("a", 2.0, 2.1, "", 0.1, kind="fit"), Row("b", 3.0, 3.0, "", 0.1, kind="fit", again="y"))
+    rows += (Row("c", 2.0, 2.0, "", 0.1, kind="fit", again="x"),)
+    one, other = (Item(name, name, "", lambda seed: Outcome(())) for name in "xy")
+    text = summary([(one, Outcome(rows))])
+    assert text.endswith(
+        "1 further rows are other ways to figures that are counted already, and 1 to figures that other experiments "
+        "count, which were not run."
+    )
+    assert "2 further rows are other ways" in summary([(one, Outcome(rows)), (other, Outcome(()))])
+
+
+def test_a_published_figure_counts_once_and_where_its_other_rows_say():
+    """By docs/reproduce.md. A number without a unit is no figure of its own: ratios to 1, of many things."""
+    item, rows = "", []
+    for line in DOCS.read_text().splitlines():
+        item = line.split("`")[1] if line.startswith("`") else item
+        cell = [part.strip() for part in re.split(r"(?<!\\)\|", line)[1:-1]]
+        if len(cell) == 8 and cell[5] in ("agrees", "differs"):
+            _, _, again = cell[6].partition(", again: ")
+            rows.append((item, cell[0], cell[1].replace("N/V", "N/A"), again))  # of the same amplifier, 1 A/V
+    counted = [(item, figure) for item, _, figure, again in rows if not again]
+    figures = [figure for _, figure in counted if figure[:1] in "-0123456789" and " " in figure]
+    assert len(figures) > 50 and len(set(figures)) == len(figures)
+    lost = {name for _, name, figure, again in rows if again and (again, figure) not in counted}
+    assert lost == OTHER_UNITS
 
 
 def test_the_published_results_are_those_of_this_tree():

@@ -22,7 +22,6 @@ DIFFERS = {
     "axial-force": [
         "force at no displacement",
         "radial force at no displacement, eq 3.9",
-        "stiffness of one bearing, Table 3.3",
         "stiffness of both bearings, Table 3.3",
     ],
     "temperature": [],

@@ -57,7 +57,8 @@ def run(seed: int) -> Outcome:
             "noise; the force moves the rotor by the stated 40 µm.", kind="prediction", again="appendix-c"),
         Row("least stiffness", LEAST, 1e-3 * middle([k.min() for k in stiffness]), "kN/m", 0.1,
             "In the lowest bands G is constant, K and beta cannot be told apart, and K falls to m w^2, nearly nothing: "
-            f"what is left is the spring subtracted, {-1e-3 * SUBTRACTED:.0f} kN/m.", kind="prediction"),
+            f"what is left is the spring that the program subtracts, {-1e-3 * SUBTRACTED:.0f} kN/m.",
+            kind="consequence"),
         Row("goodness of fit from 40 to 250 Hz, least", "almost perfect",
             middle([fit.goodness_of_fit[high].min() for fit in fits]), "", None,
             "For stiffnesses that are up to sixty times the bearing's: with beta free this number is near 1 whatever "

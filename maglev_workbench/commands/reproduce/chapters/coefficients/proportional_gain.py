@@ -77,7 +77,7 @@ def run(seed: int) -> Outcome:
             "The published -13.6 N/mm needs an actuator gain of the next row instead.", kind="consequence"),
         Row("actuator gain that -6.6 and -13.6 N/mm imply", 5.7, implied, "N/A", 0.1,
             "7 N/mm over 8 A/mm. Neither the 5.7 N/A measured in 5.2.3 nor the 1.28 of eq 3.13: the agreement with "
-            "-12.5 N/mm is not one.", kind="consequence", again="proportional-gain"),
+            "-12.5 N/mm is not one.", kind="consequence", again="actuator-gain"),
         Row("natural frequency that -6.6 N/mm would give", 70.0,
             float(np.sqrt((spring - 6.6e3) / one.mass) / (2 * np.pi)), "Hz", 0.1,
             "With a negative bearing stiffness the mode would fall below the 61 Hz of the springs, not rise to 70.",

@@ -80,11 +80,11 @@ def mode(seed: int) -> Outcome:
             "that at 70 Hz."),
         Row("natural frequency without the bearings", 66.0, hertz(spring), "Hz", 0.04,
             "66 Hz is the pedestal's own, of 0.79 kg. With shaft and rotor it would stand at 61 Hz: the bearings raise "
-            "it from there, not from 66.", kind="consequence"),
+            "it from there, not from 66.", kind="consequence", again="pedestal"),
         Row("actuator gain that 70 Hz asks for", 5.7, float(asked), "N/A", 0.05,
             "5.7 N/A is a vertical force, and the magnets pull along x and y, 45 degrees off: which of them the "
             "calibration drove is not stated. One axis alone would make it 8.1 N/A along that axis, both 4.0.",
-            kind="consequence", again="radial-mode"),
+            kind="consequence", again="actuator-gain"),
     )  # fmt: skip
     return Outcome(rows, (("Response in x", by_frequency(x.frequency, (("x over f_x", g),), "m/N", log=True)),))
 

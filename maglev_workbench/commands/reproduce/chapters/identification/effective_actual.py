@@ -88,8 +88,9 @@ def run(seed: int) -> Outcome:
         Row("goodness of fit, least, with 100 mV of noise", 0.988, float(ls.goodness_of_fit[0].min()), "", 0.01,
             "Less than published: either the platform's displacement was further above its noise than here (the force "
             "is not published), or the noise was not white.", kind="prediction"),
-        Row("goodness of fit, largest, with 100 mV of noise", 0.996, float(ls.goodness_of_fit[0].max()), "", 0.01, "",
-            kind="prediction"),
+        Row("1 less the goodness of fit, largest, with 100 mV of noise", 0.004, 1 - float(ls.goodness_of_fit[0].max()),
+            "", 0.25, "Published: 0.996. What the fit leaves is compared, as all that are nearly 1 are within 1 % of "
+            f"each other: without noise ours leaves {1 - float(actual.goodness_of_fit.max()):.2g}.", kind="prediction"),
     )  # fmt: skip
     curves = (
         ("least squares, 100 mV of noise", k_ls * 1e-3),
