@@ -139,6 +139,13 @@ def test_one_file_with_scaled_columns_says_the_same_as_a_campaign(tmp_path, coil
         assert np.allclose(gaps[0]["gap"], expected, rtol=1e-9, equal_nan=True)
         assert data["recordings"][0]["comparison"] is None and data["recordings"][0]["file"] == file
         assert "recorded gap" not in page
+        # A gap is proportional to the coil's constants: whose they are goes with the result.
+        sensor = data["recordings"][0]["sensor"]
+        assert sensor["coil"]["turns"] == SENSOR.coil.turns and sensor["coil"]["pole_area"] == SENSOR.coil.pole_area
+        (assumed,) = data["notes"]
+        assert assumed.startswith("no rig is named: the coil of hmb_free is assumed") and assumed in page
+    named, page, *_ = estimated(tmp_path, tmp_path / "o.mat", *options, "--rig", "hmb_free")
+    assert named["notes"] == [] and "no rig is named" not in page
 
 
 def test_faults_are_flagged_and_left_out_of_the_gap(tmp_path, campaign, coil):

@@ -80,15 +80,18 @@ def estimate(
     for file, coil in zip(files, found, strict=True):
         write_npz(file, {"time": coil.gap.time, "gap": coil.gap.gap, "displacement": coil.sensor.gap - coil.gap.gap})
     settings = {"source": str(source), "voltage_sampling": "point" if point_voltage else "mean"}
-    write_page(page, estimate_page(loaded, found, settings), [*files, json_file])
-    write_json(json_file, estimate_json(loaded, found, settings, files) | {"warnings": warnings})
+    notes = []
+    if not rig and not campaign.rig:
+        notes.append(f"no rig is named: the coil of {DEFAULT_RIG} is assumed; name yours with --rig")
+    write_page(page, estimate_page(loaded, found, settings, notes), [*files, json_file])
+    write_json(json_file, estimate_json(loaded, found, settings, files, notes) | {"warnings": warnings})
     console.print(estimate_table(loaded, found))
     for coil in found:
         for line in stretch_lines(coil):
             console.print(f"  {line}", highlight=False)
     console.print(estimate_summary(loaded, found))
-    if not rig and not campaign.rig:
-        console.print(f"no rig is named: the coil of {DEFAULT_RIG} is assumed; name yours with --rig")
+    for text in notes:
+        console.print(text)
     for file in files:
         console.print(f"gap   {file}")
     console.print(f"page  {page}")

@@ -79,22 +79,26 @@ def estimate_summary(rig: Rig, coils: Sequence[SensedCoil]) -> str:
 
 
 def estimate_json(
-    rig: Rig, coils: Sequence[SensedCoil], settings: Mapping[str, object], files: Sequence[Path]
+    rig: Rig, coils: Sequence[SensedCoil], settings: Mapping[str, object], files: Sequence[Path], notes: Sequence[str]
 ) -> dict[str, Any]:
-    """The recordings as JSON data, schema maglev-selfsense-estimate/1, SI; samples are counted from the first used."""
+    """The recordings as JSON data, schema maglev-selfsense-estimate/1, SI; samples are counted from the first used.
+
+    The sensor has the coil's constants, to which a gap is proportional; `notes` say what was assumed of all recordings.
+    """
     return plain(
         {
             "schema": "maglev-selfsense-estimate/1",
             "version": version("maglev-workbench"),
             "rig": rig.name,
             "settings": settings,
+            "notes": notes,
             "recordings": [_one_json(*one) for one in zip(coils, files, strict=True)],
         }
     )
 
 
-def estimate_page(rig: Rig, coils: Sequence[SensedCoil], settings: Mapping[str, object]) -> str:
-    """The HTML of the recordings."""
+def estimate_page(rig: Rig, coils: Sequence[SensedCoil], settings: Mapping[str, object], notes: Sequence[str]) -> str:
+    """The HTML of the recordings; notes say what was assumed of all of them."""
     text = "Valid: samples whose gap can be trusted; the others are left out, not guessed. rms: about the mean. "
     if any(c.comparison for c in coils):
         text += (
@@ -102,6 +106,7 @@ def estimate_page(rig: Rig, coils: Sequence[SensedCoil], settings: Mapping[str, 
             "estimate's lag counts as error."
         )
     sections: list = [("Recordings", table(_HEAD, map(_row, coils))), ("", note(text))]
+    sections += [("", note(f"Note: {words}.")) for words in notes]
     for coil in coils:
         sections += _sections(coil)
     e, rate = coils[0].sensor.estimator, coils[0].coil.spec.sample_rate
@@ -170,6 +175,7 @@ def _one_json(coil: SensedCoil, file: Path) -> dict[str, Any]:
         "samples": coil.gap.time.size,
         "sample_rate": rate,
         "pwm_frequency": coil.gap.pwm_frequency,
+        "sensor": coil.sensor,
         "kp": e.kp,
         "ki": e.ki,
         "valid_share": coil.valid_share,
