@@ -44,11 +44,15 @@ class Workers(Protocol):
 
 @dataclass(frozen=True)
 class Answered:
-    """Number of campaigns answered now, answered before, and failed among both."""
+    """Number of campaigns answered now, answered before, and failed among both.
+
+    `again` counts those of the new answers that replace one by another version of the code.
+    """
 
     new: int
     reused: int
     failed: int
+    again: int
 
 
 def diagnose(campaign: Path) -> dict:
@@ -72,7 +76,8 @@ def answer_all(
 ) -> Answered:
     """Answer every campaign of the sealed set in `folder`; each answer is written as a whole file.
 
-    Answers by this version of the code to this set are kept; others are given again. A diagnosis that fails, or that
+    Answers by this version of the code to this set are kept; others are given again, and state the versions of those
+    that they replace. A diagnosis that fails, or that
     ends its process, is kept as an error and counts as a wrong answer.
 
     Args:
@@ -102,20 +107,35 @@ def answer_all(
     advance(len(campaigns) - len(todo))
     here = workers is None
     outcomes = _outcomes(todo, processes or cores(), diagnose) if here else _sent(todo, workers, diagnose)
+    again = 0
     for campaign, outcome in outcomes:
         data = {"schema": ANSWER_SCHEMA, "version": made_by, "labels_sha256": seal, **outcome}
+        if replaced := _replaced(answers / f"{campaign.name}.json", seal):
+            data["replaces"] = replaced
+            again += 1
         write_text_atomic(answers / f"{campaign.name}.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
         advance(1)
     failed = sum("error" in json.loads((answers / f"{c.name}.json").read_text()) for c in campaigns)
-    return Answered(len(todo), len(campaigns) - len(todo), failed)
+    return Answered(len(todo), len(campaigns) - len(todo), failed, again)
 
 
 def _reusable(path: Path, seal: str, made_by: str) -> bool:
+    return _given(path, seal).get("version") == made_by
+
+
+def _replaced(path: Path, seal: str) -> list[str]:
+    """Versions of the code that answered this campaign before, from the first on."""
+    data = _given(path, seal)
+    return [*data.get("replaces", ()), str(data.get("version"))] if data else []
+
+
+def _given(path: Path, seal: str) -> dict:
+    """An answer to this set as it was written; empty where there is none."""
     try:
         data = json.loads(path.read_text())
     except (FileNotFoundError, json.JSONDecodeError):
-        return False
-    return isinstance(data, dict) and (data.get("labels_sha256"), data.get("version")) == (seal, made_by)
+        return {}
+    return data if isinstance(data, dict) and data.get("labels_sha256") == seal else {}
 
 
 def _answer(campaign: Path, diagnose: Diagnose) -> dict:

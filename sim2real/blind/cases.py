@@ -3,7 +3,7 @@
 import json
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from math import isfinite
 from pathlib import Path
@@ -73,6 +73,7 @@ class Answer:
         version: Version of the code that gave it.
         changes: Relative changes of nominal parameters within tolerance that belong to the cause.
         likely: Hypotheses among which the truth is said to be in 90 % of all campaigns; None where that is not said.
+        replaces: Versions of the code whose answers this one replaced.
     """
 
     error: str | None
@@ -85,6 +86,7 @@ class Answer:
     version: str
     changes: Mapping[str, float] = field(default_factory=dict)
     likely: tuple[frozenset[str], ...] | None = None
+    replaces: tuple[str, ...] = ()
 
 
 def named(effects: Iterable[str]) -> frozenset[str]:
@@ -94,7 +96,7 @@ def named(effects: Iterable[str]) -> frozenset[str]:
 
 
 def seal_of(folder: Path) -> str:
-    """SHA-256 of the labels, published before any answer.
+    """SHA-256 of the labels, written when the set was made, to be published before any answer.
 
     Raises:
         ValueError: The folder holds no sealed set.
@@ -154,8 +156,10 @@ def read_answer(path: Path, seal: str) -> Answer:
     if data.get("schema") != ANSWER_SCHEMA or data.get("labels_sha256") != seal:
         raise ValueError(f"{path} does not answer this sealed set; delete it and answer again")
     if "error" in data:
-        return Answer(data["error"], "error", (), (), {}, 0.0, data["seconds"], data["version"])
-    return parse_diagnosis(data["diagnosis"], data["seconds"], data["version"])
+        answer = Answer(data["error"], "error", (), (), {}, 0.0, data["seconds"], data["version"])
+    else:
+        answer = parse_diagnosis(data["diagnosis"], data["seconds"], data["version"])
+    return replace(answer, replaces=tuple(data.get("replaces", ())))
 
 
 def parse_diagnosis(d: Mapping[str, Any], seconds: float, version: str) -> Answer:

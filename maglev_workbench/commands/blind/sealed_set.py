@@ -87,7 +87,8 @@ def answer(folder: Path, processes: int | None, spread: Workers | None, method: 
         except KeyboardInterrupt:
             console.print(f"stopped; finished answers are in {folder / into}: run the same command again to continue")
             raise
-    console.print(f"{found.new} answered, {found.reused} reused, {found.failed} of both failed")
+    again = f" ({found.again} of them again: those there were of another version of the code)" if found.again else ""
+    console.print(f"{found.new} answered{again}, {found.reused} reused, {found.failed} of both failed")
     return found
 
 

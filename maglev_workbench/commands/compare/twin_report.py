@@ -235,7 +235,7 @@ def _made_by(found: Compared) -> dict[str, object]:
     return {
         "Campaigns of the set": found.made.get("count"),
         "Seed of the set": found.made.get("seed"),
-        "SHA-256 of the labels, published before any answer": found.labels_sha256,
+        "SHA-256 of the labels": found.labels_sha256,
         "Seed of tuning": found.seed,
         "Budgets": budget_words(found.budgets),
     }

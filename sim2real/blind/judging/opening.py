@@ -26,6 +26,7 @@ class Opened:
         version: Version of the code that gave the answers.
         judged: All judgements.
         failed: Number of campaigns without a diagnosis.
+        again: Number of answers that replace one by another version of the code.
         rows: Figures of every target.
         by_size: Figures for each range of sizes.
         by_channels: Figures for each channel set.
@@ -39,6 +40,7 @@ class Opened:
     version: str
     judged: tuple[Judgement, ...]
     failed: int
+    again: int
     rows: list[scoring.Row]
     by_size: Mapping[str, list[scoring.Row]]
     by_channels: Mapping[str, list[scoring.Row]]
@@ -72,6 +74,7 @@ def open_set(folder: Path, progress: Callable[[int], None] | None = None) -> Ope
         versions[0],
         judged,
         sum(j.answer.error is not None for j in judged),
+        sum(bool(j.answer.replaces) for j in judged),
         [*scoring.rows(judged), regret_row(tried)],
         scoring.by_size(judged),
         scoring.by(judged, lambda j: j.case.channels),

@@ -7,6 +7,7 @@ import pytest
 from command_line import maglev
 
 import sim2real
+from maglev_workbench.commands.blind import sealed_set
 from sim2real.advice import gain_choice
 from sim2real.blind import generate as generator
 
@@ -64,7 +65,8 @@ def test_a_set_is_generated_answered_and_opened(tmp_path, by_hand):
     assert "missing" in maglev("blind", "open", out, code=2)
     assert "6 answered, 0 reused, 1 of both failed" in maglev("blind", "answer", out, "--processes", 1)
     assert "0 answered, 6 reused" in maglev("blind", "answer", out, "--processes", 1, "--json", js)
-    assert json.loads(js.read_text())["reused"] == 6
+    data = json.loads(js.read_text())
+    assert (data["reused"], data["method"], data["set"], data["labels_sha256"]) == (6, "diagnose", str(out), digest)
     assert "false alarm" in maglev("blind", "open", out, "--docs", docs, "--json", js)
     data = json.loads(js.read_text())
     assert data == json.loads((out / "blind.json").read_text()) and data["schema"] == "maglev-blind/1"
@@ -103,6 +105,36 @@ def test_run_does_it_all_and_goes_on_where_it_stopped(tmp_path, by_hand):
     assert "0 answered, 6 reused" in again  # and the same figures once more
     assert "does not exist" in maglev("blind", "open", out, "--docs", tmp_path / "no" / "b.md", code=2)
     assert "no whole sealed set" in maglev("blind", "answer", tmp_path, code=2)
+
+
+def test_answers_that_replace_those_of_another_version_are_counted(tmp_path, by_hand):
+    out, js = tmp_path / "set", tmp_path / "b.json"
+    maglev("blind", "generate", "--count", 6, "--seed", 3, "--out", out)
+    maglev("blind", "answer", out, "--processes", 1)
+    for version in ("older", "old"):
+        for name in ("c0001", "c0005"):
+            path = out / "answers" / f"{name}.json"
+            path.write_text(json.dumps(json.loads(path.read_text()) | {"version": version}))
+        text = maglev("blind", "answer", out, "--processes", 1, "--json", js)
+        assert "2 answered (2 of them again: those there were of another version of the code), 4 reused" in text
+        assert json.loads(js.read_text())["again"] == 2
+    assert json.loads((out / "answers" / "c0005.json").read_text())["replaces"] == ["older", "old"]
+    assert "replaces" not in json.loads((out / "answers" / "c0000.json").read_text())
+    maglev("blind", "open", out, "--json", js)
+    assert json.loads(js.read_text())["answered_again"] == 2
+    page = (out / "blind.html").read_text()
+    assert "Answers that replace one by another version" in page and "Nothing was changed" not in page
+
+
+def test_run_refuses_at_once_what_it_cannot_open(tmp_path, by_hand, monkeypatch):
+    monkeypatch.setattr(sealed_set, "answer", lambda *_: pytest.fail("nothing may be answered"))
+    out = tmp_path / "set"
+    out.mkdir()
+    (out / "set.json").write_text(json.dumps({"count": 6, "seed": 3, "benchmark": True}))
+    text = maglev("blind", "run", "--seed", 3, "--count", 6, "--out", out, code=2)
+    assert "is a set of the benchmark" in text
+    text = maglev("blind", "run", "--seed", 3, "--count", 6, "--quick", "--out", out, code=2)
+    assert "--quick or --count, not both" in text
 
 
 @pytest.mark.slow

@@ -110,6 +110,19 @@ def test_methods_stand_beside_the_oracle(answered, tmp_path):
     assert "missing" in maglev("blind", "score", answered, code=2)
 
 
+def test_methods_that_are_not_scored_again_stay(answered, tmp_path):
+    js = tmp_path / "b.json"
+    maglev("blind", "score", answered)
+    maglev("blind", "score", answered, answered / "answers", "--json", js)
+    kept = json.loads((answered / "blind.json").read_text())
+    assert [m["name"] for m in kept["methods"]] == ["answers-nothing", "answers"]
+    assert [m["name"] for m in json.loads(js.read_text())["methods"]] == ["answers"]
+    (answered / "blind.json").write_text(json.dumps(kept | {"version": "other"}))
+    text = maglev("blind", "score", answered, answered / "answers")
+    assert "scored by another version of the code, not kept: answers-nothing" in text
+    assert [m["name"] for m in json.loads((answered / "blind.json").read_text())["methods"]] == ["answers"]
+
+
 def judged(truth, cause, rivals=(), kind="single", blocks=("mechanics",), closed=0.0):
     """An answer on a ball, judged; the cause by members, none of "unexplained", all of the gap in the sensor."""
     label = {"oracle": {"rivals": [{"effects": [one], "distance": 1.0} for one in rivals]}, "blocks": list(blocks)}

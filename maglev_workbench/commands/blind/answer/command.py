@@ -28,8 +28,11 @@ def answer(
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.blind import sealed_set
     from maglev_workbench.console import write_json
+    from sim2real.blind.cases import seal_of
 
     with workers(scheduler, processes) as spread:
         found = sealed_set.answer(folder, processes, spread, method)
-    counts = {"answered": found.new, "reused": found.reused, "failed": found.failed}
-    write_json(json_file, {"schema": "maglev-blind-answers/1", "version": sealed_set.version_of(method), **counts})
+    data = {"schema": "maglev-blind-answers/1", "version": sealed_set.version_of(method), "method": method}
+    data |= {"set": str(folder), "labels_sha256": seal_of(folder)}
+    data |= {"answered": found.new, "again": found.again, "reused": found.reused, "failed": found.failed}
+    write_json(json_file, data)

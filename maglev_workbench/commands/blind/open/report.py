@@ -51,6 +51,7 @@ def blind_json(opened: Opened, made: Mapping[str, Any]) -> dict[str, Any]:
             "version": opened.version,
             "campaigns": len(opened.judged),
             "failed": opened.failed,
+            "answered_again": opened.again,
             "targets": _rows(opened.rows),
             "by": {name: {part: _rows(rows) for part, rows in of.items()} for name, of in grouped.items()},
             "reliability": opened.reliability,
@@ -71,12 +72,14 @@ def summary(opened: Opened) -> str:
 
 
 def _made_by(opened: Opened, made: Mapping[str, Any]) -> dict[str, object]:
+    again = {"Answers that replace one by another version": opened.again} if opened.again else {}
     return {
         "Campaigns": made["count"],
         "Seed": made["seed"],
-        "SHA-256 of the labels, published before any answer": opened.labels_sha256,
+        "SHA-256 of the labels": opened.labels_sha256,
         "SHA-256 of the answers": opened.answers_sha256,
         "Version of the code that answered": opened.version,
+        **again,
     }
 
 

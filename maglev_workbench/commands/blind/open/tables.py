@@ -30,8 +30,10 @@ DEFINITIONS = (
     "corrected simulator against nominal one. A diagnosis that names nothing corrects nothing. Closed fraction: as "
     "the diagnosis states it on the holdout recording, of right answers. Time: of one diagnosis in a process of its "
     "own, one beside it on every other core.",
-    "Nothing was changed between the first answer and the opening: the labels' hash was published before any answer, "
-    "all answers come from one version of the code, and an opened set cannot be answered again.",
+    "Checked when the set was opened: the labels have the hash that was written when they were made, and all answers "
+    "are to these labels and by one version of the code, which gave some of them again where this is said below. An "
+    "opened set cannot be answered again. That the hash was published before the first answer, and that no answer was "
+    "deleted, is for its maker to say.",
 )
 
 

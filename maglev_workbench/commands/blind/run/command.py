@@ -12,7 +12,7 @@ from maglev_workbench.commands.blind.options import (
     ProcessesOption,
     SetSeedOption,
 )
-from maglev_workbench.options import JsonOption, SchedulerOption, friendly, require_package
+from maglev_workbench.options import JsonOption, SchedulerOption, friendly, given, require_package
 
 app = typer.Typer()
 
@@ -20,6 +20,7 @@ app = typer.Typer()
 @app.command(epilog="Example: maglev blind run --seed 7 --out sealed --docs docs/blind.md")
 @friendly
 def run(
+    context: typer.Context,
     out: FolderOption,
     seed: SetSeedOption,
     count: CountOption = COUNT,
@@ -34,6 +35,8 @@ def run(
     The workers of a --scheduler answer; the set itself is generated on this machine. A campaign
     takes about 45 s of a core: the set of --quick ten minutes on two cores.
     """
+    if quick and "count" in given(context):
+        raise ValueError("give --quick or --count, not both")
     if docs is not None:
         require_package("matplotlib")
     from maglev_lanes.schedule import workers
@@ -46,6 +49,8 @@ def run(
     with workers(scheduler) as spread:
         if (out / sealed_set.SET).exists():
             made = sealed_set.made_of(out)
+            if made.get("benchmark"):
+                raise ValueError(f"{out} is a set of the benchmark: answer it, then maglev blind score {out}")
             if (made["count"], made["seed"]) != (count, seed):
                 raise ValueError(f"{out} holds {made['count']} campaigns of seed {made['seed']}; choose another --out")
             console.print(f"{count} campaigns of seed {seed} are there; SHA-256 of their labels\n{seal_of(out)}")

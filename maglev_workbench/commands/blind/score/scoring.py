@@ -1,5 +1,6 @@
 """Scoring a set of the benchmark: table, markdown and JSON."""
 
+import json
 from pathlib import Path
 
 from rich.table import Table
@@ -22,6 +23,8 @@ from sim2real.blind.judging.scoring import Row, answer_words, truth_words
 def score_folder(folder: Path, answers: list[Path], docs: Path | None, json_file: Path | None) -> None:
     """Score folders of answers to a set, write the results and print the table.
 
+    What this version of the code scored before in other folders stays in the set's own results.
+
     Raises:
         ValueError: It is no set of the benchmark, or nothing was answered.
     """
@@ -39,7 +42,7 @@ def score_folder(folder: Path, answers: list[Path], docs: Path | None, json_file
             "set": made,
             **_data(found),
         }
-        write_json(folder / OPENED, data)
+        write_json(folder / OPENED, data | {"methods": [*_kept(folder / OPENED, data), *data["methods"]]})
     write_json(json_file, data)
     if docs is not None:
         write_text_atomic(docs, _markdown(found, made))
@@ -50,6 +53,18 @@ def score_folder(folder: Path, answers: list[Path], docs: Path | None, json_file
         grid.add_row(*cells)
     console.print(grid)
     console.print(f"labels {found.labels_sha256}: as sealed\ndata  {folder / OPENED}")
+
+
+def _kept(path: Path, data: dict) -> list[dict]:
+    """Methods of earlier results on the same labels that are not scored now."""
+    if not path.is_file():
+        return []
+    before, names = json.loads(path.read_text()), {one["name"] for one in data["methods"]}
+    same = all(before.get(key) == data[key] for key in ("schema", "version", "labels_sha256"))
+    kept = [one for one in before.get("methods", ()) if one["name"] not in names]
+    if kept and not same:
+        console.print(f"scored by another version of the code, not kept: {', '.join(one['name'] for one in kept)}")
+    return kept if same else []
 
 
 def _head(found: Benchmark) -> tuple[str, ...]:
@@ -114,6 +129,7 @@ def _data(found: Benchmark) -> dict:
                     "name": m.name,
                     "version": m.version,
                     "failed": m.failed,
+                    "answered_again": sum(bool(j.answer.replaces) for j in m.judged),
                     "rows": [{key: getattr(r, key) for key in keys} for r in m.rows],
                     "missed": [j.case.id for j in misses(m)],
                 }
