@@ -68,9 +68,11 @@ def _pairs(values: Mapping[str, Any]) -> list[str]:
 
 
 def _toml(value: Any) -> str:
-    """A text, a number or a sequence of numbers."""
+    """A text, a number, a sequence of numbers, or a mapping of them: a controller's own parts."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(_pairs(value))} }}" if value else "{}"
     if isinstance(value, Sequence):
         rows, row = [], ""
         for text in map(_toml, value):
