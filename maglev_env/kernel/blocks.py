@@ -5,14 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.experiment import Experiment
+from maglev_env.kernel.fine_steps import steps_on_effects, steps_on_stiffness
 from maglev_env.kernel.lanes import LaneBatch, lane_batch, structural, structure_of, timing_of
 from maglev_env.kernel.structure import Structure
-from maglev_env.lane_values import lane_values
-from maglev_env.loop import actuator
 from maglev_lanes.layout import LANES
-
-MOST_TURN = 0.1  # rad; the error of a step is then below 1e-6 of the motion
 
 
 @dataclass(frozen=True)
@@ -42,15 +39,7 @@ def prepared(experiments: Sequence[Experiment], substeps: int = 1) -> list[Block
         experiments: of one rig.
         substeps: least number of integration steps per control sample.
     """
-    return blocks_of(experiments, max(substeps, _enough_substeps(experiments[0])), joint=True)
-
-
-def _enough_substeps(e: Experiment) -> int:
-    """Integration steps per control sample, in each of which the rotor turns by MOST_TURN at most on its stiffness."""
-    values = lane_values([axis_experiment(e, axis) for axis in range(e.rig.axes)])
-    stiffness = abs(actuator.central_tangent(values)[1]) + values.rig("support_stiffness")
-    turn = float(np.sqrt(stiffness / values.mass).max()) / e.rig.control_rate
-    return max(1, int(np.ceil(turn / MOST_TURN)))
+    return blocks_of(experiments, max(substeps, steps_on_stiffness(experiments[0])), joint=True)
 
 
 def own_lanes(experiments: Sequence[Experiment]) -> list[Block]:
@@ -82,22 +71,29 @@ def common(experiments: Sequence[Experiment]) -> Experiment:
     return first
 
 
-def blocks_of(experiments: Sequence[Experiment], substeps: int, joint: bool = False) -> list[Block]:
-    """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours."""
-    groups: dict[tuple[Structure, tuple[int, ...]], list[int]] = {}
-    known: dict[tuple, tuple[Structure, tuple[int, ...]]] = {}
+def blocks_of(experiments: Sequence[Experiment], substeps: int, joint: bool = False, every: int = 1) -> list[Block]:
+    """Blocks of up to LANES experiments of one structure each, so that a lane never depends on its neighbours.
+
+    Args:
+        experiments: the experiments.
+        substeps: least number of integration steps per control sample; effects may need more.
+        joint: whether lanes of any gains and effects share blocks.
+        every: their number is a multiple of this one.
+    """
+    groups: dict[tuple[Structure, tuple[int, ...], int], list[int]] = {}
+    known: dict[tuple, tuple[Structure, tuple[int, ...], int]] = {}
     for i, e in enumerate(experiments):
         if (key := structural(e)) not in known:
-            own = structure_of(e)
-            known[key] = own.joint if joint else own, timing_of(e, substeps)
+            own, fine = structure_of(e), -(-max(substeps, steps_on_effects(e)) // every) * every
+            known[key] = own.joint if joint else own, timing_of(e, fine), fine
         groups.setdefault(known[key], []).append(i)
     blocks = []
-    for (structure, _), members in groups.items():
-        batch = lane_batch([experiments[i] for i in members], substeps, structure)
+    for (structure, _, fine), members in groups.items():
+        batch = lane_batch([experiments[i] for i in members], fine, structure)
         for start in range(0, len(members), LANES):
             s = slice(start, start + LANES)
             part = replace(batch, rows=batch.rows[:, s], seeds=batch.seeds[..., s])
             noise = [experiments[i].rig.noise.force for i in members[s]]
             noise += noise[-1:] * (LANES - len(noise))
-            blocks.append(Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], substeps))
+            blocks.append(Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], fine))
     return blocks

@@ -81,7 +81,8 @@ def driven(lanes: Sequence[Block], drives: Sequence[Drive]) -> list[Driven]:
     """
     groups: dict[tuple, list[Block]] = {}
     for b in lanes:
-        groups.setdefault((b.batch.structure, b.batch.timing.tobytes(), b.batch.history_length), []).append(b)
+        key = b.batch.structure, b.batch.timing.tobytes(), b.batch.history_length, b.substeps
+        groups.setdefault(key, []).append(b)
     found = []
     for blocks in groups.values():
         first, structure = blocks[0], blocks[0].batch.structure

@@ -7,6 +7,7 @@ import numpy as np
 from maglev_env.channels import NOISY, SPECTRAL
 from maglev_env.kernel.gpu_pieces import statistics_kernel, step_kernel, transform_kernel
 from maglev_env.kernel.blocks import Block
+from maglev_env.kernel.fine_steps import FAST_EFFECTS
 from maglev_env.kernel.simulate import Gathered, line_amplitudes
 from maglev_env.kernel.state import State, waves_of
 from maglev_env.rig.excitation import lines_at
@@ -24,8 +25,14 @@ def refuse_on_gpu(blocks: Sequence[Block]) -> None:
     for block in blocks:
         if block.batch.structure.sensed:
             raise ValueError("--device cuda: self-sensing is not simulated on a GPU; use --device cpu, or a probe")
-        if block.substeps > 1 or block.batch.structure.own_waves:
-            raise ValueError("--device cuda: substeps and waves of each lane are not simulated on a GPU")
+        if block.substeps > 1:
+            effects = ", ".join(sorted(FAST_EFFECTS & block.experiment.effects.keys())) or "substeps"
+            raise ValueError(
+                f"--device cuda: {effects}: what needs more than one integration step per control sample is not "
+                "simulated on a GPU; use --device cpu"
+            )
+        if block.batch.structure.own_waves:
+            raise ValueError("--device cuda: waves of each lane are not simulated on a GPU")
 
 
 def gathered_on_gpu(

@@ -102,7 +102,7 @@ def simulate_statistics(
 
     Args:
         experiments: gains, effects, rig and seed may differ.
-        substeps: number of integration steps per control sample.
+        substeps: least number of integration steps per control sample; effects may need more (see `fine_steps`).
         threads: default: all cores; it does not change the results.
         blocks: the lanes of these experiments, see `own_lanes`; None: they are made here.
         gathered: what was simulated of them elsewhere, see `kernel.gpu`; None: they are simulated here.
@@ -165,7 +165,6 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     """
     first = common(experiments)
     multiple, every = sampling(first.recorded_rate, first.rig.control_rate)
-    substeps = multiple if multiple > 1 else substeps
     periods, axes = first.periods + first.transient_periods, first.rig.axes
     n = first.recorded_per_period
     names = recorded_channels(first)
@@ -175,9 +174,10 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
     def run(block: Block) -> None:
         state = State(block)
         written = block.batch.structure.channels
+        kept = block.substeps // multiple if multiple > 1 else every  # steps or samples for each one of the recording
         for i, out in enumerate(stretches(block, state, [waves_of(first)] * periods, multiple > 1)):
             span = slice(i * n, (i + 1) * n)
-            put_lanes(out[::every, ..., : len(block.members)], records[:, : len(written), :, span], block.members)
+            put_lanes(out[::kept, ..., : len(block.members)], records[:, : len(written), :, span], block.members)
             for lane, member in enumerate(block.members):
                 noise = experiments[member].rig.noise
                 records[member, names.index("force"), :, span] = force
@@ -189,7 +189,8 @@ def simulate_records(experiments: Sequence[Experiment], substeps: int = 1, threa
             if not np.isnan(time):
                 records[lane, ..., int(np.ceil(time * first.recorded_rate - 1e-6)) :] = np.nan
 
-    for _ in over_threads(run, blocks_of(experiments, substeps), threads):
+    blocks = blocks_of(experiments, 1 if multiple > 1 else substeps, every=multiple)
+    for _ in over_threads(run, blocks, threads):
         pass
     return records.reshape(len(experiments), len(names) * axes, -1)
 

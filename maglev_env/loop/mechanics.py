@@ -185,6 +185,13 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     x[PER_STRIBECK] = 1 / (values.effect("friction", "stribeck") * h)
 
 
+def friction_rate(values: Values) -> np.ndarray:
+    """Rate (1/s) at which friction stops the mover or, where it sticks, swings it, at rest, (n,)."""
+    held, slip, bristle = (values.effect("friction", key) for key in ("force", "velocity", "presliding"))
+    swings = np.sqrt(held / (values.mass * np.where(bristle > 0, bristle, 1.0)))
+    return np.where(bristle > 0, swings, held / (values.mass * slip))
+
+
 @piece
 def position(x, k):
     return x[k + Y]

@@ -12,6 +12,9 @@ from maglev_env.loop.system import Values
 from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
 
+PUSHED = 30.0  # m/s2, three times the weight: what is taken to push the mover into a spring of which it needs much
+STIFFEST = 1.0  # rad that the mover may turn by on the stop in one step
+
 EFFECTS: Mapping[str, EffectCard] = {
     "cubic_spring": EffectCard(
         "mechanics",
@@ -48,8 +51,26 @@ CUBE, REACH, STOP, STEEPER, END = rows_after(uneven_gain.END, "CUBE REACH STOP S
 def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
     """Write the constants; the mechanics' rows must have been written."""
     x[CUBE] = values.effect("cubic_spring") * x[PER_MASS]
-    x[REACH], x[STOP] = values.effect("soft_stop"), values.effect("soft_stop", "stiffness") * x[PER_MASS]
-    x[STEEPER] = values.effect("soft_stop", "steepness") - 1
+    x[REACH], x[STEEPER] = values.effect("soft_stop"), values.effect("soft_stop", "steepness") - 1
+    # A stop that is too stiff for the step would throw the mover out, so it is as soft as the step needs.
+    turn = np.maximum(_stop_rate(values) * h / STIFFEST, 1.0)
+    x[STOP] = values.effect("soft_stop", "stiffness") * x[PER_MASS] / turn ** (2 * (1 + x[STEEPER]))
+
+
+def spring_rate(values: Values) -> np.ndarray:
+    """Rate (rad/s) at which the mover swings on the springs where they hold PUSHED, or beside the centre, (n,)."""
+    cube = values.effect("cubic_spring") / values.mass
+    way = np.minimum(np.cbrt(PUSHED / np.maximum(cube, 1e-99)), values.rig("clearance"))
+    return np.maximum(np.sqrt(3 * cube) * way, _stop_rate(values))
+
+
+def _stop_rate(values: Values) -> np.ndarray:
+    """That of the stop alone; 0 without one."""
+    reach, stiffness, power = (values.effect("soft_stop", key) for key in ("distance", "stiffness", "steepness"))
+    met = reach < values.rig("clearance")
+    reach = np.where(met, reach, 1.0)
+    way = reach * (PUSHED * values.mass / (stiffness * reach)) ** (1 / power)
+    return np.where(met, np.sqrt(power * PUSHED / way), 0.0)
 
 
 @piece
