@@ -11,11 +11,9 @@ from estimation.stability_margins import Interval, Margins, margin_arrays, margi
 from maglev_env.evaluation.bands import nominal_response
 from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.loop.gains import NO_CONTROLLER, Controllers, of_axis, reads_current
-from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra
-from maglev_env.rig.drawn import scaled_rig
-from maglev_env.rig.rig import Rig, with_parameters
+from maglev_env.rig.drawn import TANGENT, scaled_rig
+from maglev_env.rig.rig import Rig
 
 LEAST = 4  # lines that margins can be read from
 
@@ -93,15 +91,11 @@ def _within_tolerance(
 ) -> Margins:
     """Margins whose intervals hold also where the nominal parameters are off by their tolerances."""
     before = margin_arrays(frequency, 1 - _feedback(rig, gains, frequency, held) * receptance)
-    of_geometry = dict(zip(("actuator_gain", "negative_stiffness"), linearise(force_law(rig)), strict=True))
     spread = dict.fromkeys(found.intervals, 0.0)
     for name, tolerance in rig.tolerance.items():
-        stated = rig
-        if getattr(rig, name) is None:
-            if name not in of_geometry:
-                continue  # the rig has none of it
-            stated = with_parameters(rig, {name: of_geometry[name]})
-        other = scaled_rig(stated, {name: 1 + tolerance})
+        if getattr(rig, name) is None and name not in TANGENT:
+            continue  # the rig has none of it
+        other = scaled_rig(rig, {name: 1 + tolerance})
         after = margin_arrays(frequency, 1 - _feedback(other, gains, frequency, held) * receptance)
         for margin in spread:
             moved = float(np.log(after[margin] / before[margin]))

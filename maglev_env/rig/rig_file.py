@@ -97,12 +97,14 @@ def _build(data: dict[str, Any]) -> Rig:
     check_known(bounds, GAIN_CARDS, "[bounds]")
     for key, value in data.get("tolerance", {}).items():
         check_known((key,), PARAMETERS, "[tolerance]")
+        _check_continuous(key, "[tolerance]")
         if not (is_number(value) and 0 <= value < 1):
             raise ValueError(f"[tolerance]: {key} = {value} must be a relative 1-sigma uncertainty in 0 .. 1")
     drawn = data.get("randomization", {})
     randomization = {key: increasing_pair(value, f"[randomization] {key}") for key, value in drawn.items()}
     for key, pair in randomization.items():
         check_known((key,), [name for name, meta in PARAMETERS.items() if meta["unit"]], "[randomization]")
+        _check_continuous(key, "[randomization]")
         if not pair[0] > 0:
             raise ValueError(f"[randomization]: {key} = {list(pair)} must be two factors above 0")
     target = dict(data.get("target", {}))
@@ -133,3 +135,10 @@ def _build(data: dict[str, Any]) -> Rig:
         )
     check_effects(rig.effects, rig)
     return rig
+
+
+def _check_continuous(name: str, where: str) -> None:
+    """Raise ValueError for a parameter that no factor can multiply: a text, or a whole number."""
+    if name == "flux_path" or isinstance(PARAMETERS[name]["low"], int):
+        kind = "a text" if name == "flux_path" else "a whole number"
+        raise ValueError(f"{where}: {name} is {kind}, which has no relative uncertainty; leave it out")

@@ -11,13 +11,13 @@ from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS, effect, effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.drawn import scaled_rig
+from maglev_env.rig.drawn import TANGENT, scaled_rig
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import log_spread, wide_factors
 
 LAGS = {"delay": "time", "sensor_lag": "time_constant"}  # effects whose time is fitted, in control samples
 DELAY_SPREAD, MOST_DELAY = 2.0, 20.0  # control samples: prior standard deviation of a lag, and largest value
-TANGENT = 0.1  # prior standard deviation of a tangent that nothing is stated of
+TANGENT_SPREAD = 0.1  # prior standard deviation of a tangent that nothing is stated of
 FACTORS = 4.0  # largest factor by which a parameter may differ from the nominal one
 
 
@@ -39,17 +39,15 @@ class Parameters:
             wide: Whether parameters may lie anywhere in the rig's [randomization]; otherwise within its [tolerance].
         """
         self.rig = _by_tangent(rig)
-        # What the nominal rig leaves to its magnets' geometry is not drawn, and differs by the tolerance only.
-        drawn = {n: log_spread(e) for n, e in wide_factors(rig).items() if getattr(rig, n) is not None} if wide else {}
+        ends = {n: e for n, e in wide_factors(rig).items() if getattr(rig, n) is not None or n in TANGENT}
+        drawn = {n: log_spread(e) for n, e in ends.items()} if wide else {}
         ranges: Mapping[str, float] = {**rig.tolerance, **drawn}
         frequency = np.geomspace(1e-4, 0.2, 12) * rig.control_rate
         names = [n for n in ranges if getattr(self.rig, n) and seen_in_loop(self.rig, n, frequency)]
         # Of magnets that are described by their geometry the tangent is fitted, as far as what is drawn may move it.
-        spread = max((s for n, s in ranges.items() if n not in names), default=TANGENT)
-        ranges = {**dict.fromkeys(("actuator_gain", "negative_stiffness"), spread), **ranges}
-        names = [
-            n for n in ranges if n in names or (n in ("actuator_gain", "negative_stiffness") and getattr(self.rig, n))
-        ]
+        spread = max((s for n, s in ranges.items() if n not in names), default=TANGENT_SPREAD)
+        ranges = {**dict.fromkeys(TANGENT, spread), **ranges}
+        names = [n for n in ranges if n in names or (n in TANGENT and getattr(self.rig, n))]
         self.names = (*names, "delay")
         self.spread = np.array([*(ranges[n] for n in names), DELAY_SPREAD])
         self.centre = np.array([0.0] * len(names) + [effect_value(rig.effects, "delay") * rig.control_rate])
