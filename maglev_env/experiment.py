@@ -10,7 +10,7 @@ import numpy as np
 from maglev_env.channels import MEASURED, SENSORS, SPECTRAL, simulated_channels
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects, effect_value
+from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects
 from maglev_env.loop.gains import NO_CONTROLLER, Controller, Controllers, of_axis, reads_current
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved
 from maglev_env.rig.rig import Rig, axis_rig
@@ -197,11 +197,6 @@ def recorded_channels(e: Experiment) -> tuple[str, ...]:
 def channels_of(rig: Rig, names: Sequence[str] = MEASURED) -> tuple[str, ...]:
     """Names of a rig's channels, on an x-y rig with the suffix of each axis: displacement_x, displacement_y, ..."""
     return tuple(name + suffix for name in names for suffix in suffixes(rig.axes))
-
-
-def moving_mass(e: Experiment) -> float:
-    """Moving mass (kg) of a one-axis experiment, including the effect mass."""
-    return e.rig.mass * (1 + effect_value(e.effects, "mass"))
 
 
 def sampling(sample_rate: float, control_rate: float) -> tuple[int, int]:

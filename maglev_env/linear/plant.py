@@ -6,7 +6,8 @@ Effects enter with their linear part (see `linear_axis`), eddy currents with the
 import numpy as np
 import scipy
 
-from maglev_env.experiment import Experiment, axis_experiment, moving_mass
+from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.lane_values import lane_values
 from maglev_env.linear.axis import POSITION, VELOCITY, cross_terms, linear_axis
 from maglev_env.loop.effect import effect_value, split_delay
 
@@ -60,6 +61,6 @@ def continuous_plant(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np
         pushed[own[other]] = gain * parts[other].pulling
         pushed[own[other][POSITION]] -= stiffness
         pushed[own[other][VELOCITY]] -= damping
-        m[own[axis]] += np.outer(parts[axis].driven, pushed / moving_mass(views[axis]))
+        m[own[axis]] += np.outer(parts[axis].driven, pushed / lane_values([views[axis]]).mass)
         c[axis, own[other]] += sensor * parts[other].reading
     return m, c[:, :states] * (1 + effect_value(experiment.effects, "sensor_gain")), current

@@ -140,6 +140,10 @@ def test_a_small_experiment_is_the_analytic_loop_at_every_line(effects, gains):
     check_every_line(small(gains=gains, effects=effects))
 
 
+def test_the_coupling_pushes_what_a_rotor_that_bends_does_not_have_on_its_spring():
+    check_every_line(small(effects=effect("support_resonance", 300.0, mass_ratio=0.3, inside=1.0)))
+
+
 @pytest.mark.parametrize("effects", [{}, EVERY_EFFECT], ids=["nominal", "every effect"])
 def test_a_small_experiment_is_the_analytic_loop_up_to_2_khz_without_cross_gain(effects):
     rig = replace(COUPLED, cross=replace(CROSS, gain_xy=0.0, gain_yx=0.0))
