@@ -104,15 +104,8 @@ def saturated_command(x, k, u):
     return whole * kept_share(abs(whole) * x[k + PER_COMMAND], x[k + COMMAND_SHARPNESS]) - x[k + FLOWS]
 
 
-def commands(delayed: bool, limited: bool, shaped: bool) -> tuple[Callable, Callable]:
-    """Pieces that give the old and the new command of a step, A, clipped to what the voltage allows.
-
-    Args:
-        delayed: whether a delay lies between the controller's command and the one that acts.
-        limited: whether the voltage is limited.
-        shaped: whether the command may saturate, and the limit may be soft.
-    """
-    acting = ACTING if delayed else U
+def _allowed(limited: bool, shaped: bool) -> Callable:
+    """A piece that gives what the voltage allows of a command, A; arguments as `commands`."""
 
     @piece
     def allowed(x, k, u):
@@ -124,6 +117,19 @@ def commands(delayed: bool, limited: bool, shaped: bool) -> tuple[Callable, Call
             beyond = u - kept
             return kept + beyond * kept_share(abs(beyond) / reach, x[k + LIMIT_SHARPNESS])
         return min(max(u, kept - reach), kept + reach)
+
+    return allowed
+
+
+def commands(delayed: bool, limited: bool, shaped: bool) -> tuple[Callable, Callable]:
+    """Pieces that give the old and the new command of a step, A, clipped to what the voltage allows.
+
+    Args:
+        delayed: whether a delay lies between the controller's command and the one that acts.
+        limited: whether the voltage is limited.
+        shaped: whether the command may saturate, and the limit may be soft.
+    """
+    acting, allowed = ACTING if delayed else U, _allowed(limited, shaped)
 
     @piece
     def old(x, k):
@@ -167,14 +173,14 @@ def carried(poles: int, delayed: bool, limited: bool, shaped: bool) -> Callable[
 
 def coil(poles: int, delayed: bool, limited: bool, shaped: bool) -> Callable:
     """A piece that gives the coil's current at the start of a step, A; arguments as `carried`."""
+    allowed = _allowed(limited, shaped)
 
     @piece
     def now(x, k):
         if limited:
             # Without a pole the current is the command itself, within the range that the voltage allows.
-            held, u = x[k + X2], saturated_command(x, k, arrived(x, k)) if shaped else arrived(x, k)
-            kept, reach = x[k + KEPT] * x[k + X1], x[k + REACH]
-            return held + x[k + OPEN] * (min(max(u, kept - reach), kept + reach) - held)
+            held = x[k + X2]
+            return held + x[k + OPEN] * (allowed(x, k, arrived(x, k)) - held)
         if poles == 2:
             return x[k + X2]
         if poles == 1:
