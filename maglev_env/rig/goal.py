@@ -7,7 +7,7 @@ from math import inf
 from typing import Literal, get_args
 
 from maglev_env.fields import is_number
-from maglev_env.rig.goal_units import in_si
+from maglev_env.rig.goal_units import KINDS, in_si
 
 EventKind = Literal["impulse", "step", "lift_off"]
 MATCH = "match"  # the goal that compares stiffness and damping with those of the target
@@ -27,6 +27,8 @@ class Quantity:
         condition: word and unit of the condition under which it is measured; None: there is none. A band is optional.
         event: the event of the large-signal test that shows it, "any" if each one does; None: the identification
             experiment shows it.
+        kind: of a current: "rms" or "peak".
+        gain: of a ratio: whether it is one of gains, which dB can state.
     """
 
     unit: str
@@ -35,27 +37,35 @@ class Quantity:
     shown: tuple[float, str] = (1.0, "")
     condition: tuple[Literal["in", "after", "from"], str] | None = None
     event: EventKind | Literal["hover", "any"] | None = None
+    kind: Literal["", "rms", "peak"] = ""
+    gain: bool = True
 
 
 QUANTITIES: Mapping[str, Quantity] = {
     "peak_sensitivity": Quantity("", True, "peak |S|"),
     "phase_margin": Quantity("deg", False, "phase margin", (1.0, "°")),
     "gain_margin": Quantity("", False, "gain margin"),
-    "disk_margin": Quantity("", False, "disk margin"),
+    "disk_margin": Quantity("", False, "disk margin", gain=False),
     "compliance": Quantity("m/N", True, "worst compliance", (1e6, "µm/N"), ("in", "Hz")),
     "stiffness": Quantity("N/m", False, "stiffness", (1e-3, "kN/m")),
     "damping": Quantity("N s/m", False, "damping", (1.0, "N s/m")),
     "displacement": Quantity("", True, "displacement over clearance"),
-    "current_rms": Quantity("A", True, "current under excitation", (1.0, "A rms")),
-    "noise_current": Quantity("A", True, "noise current", (1e3, "mA rms"), event="hover"),
+    "current_rms": Quantity("A", True, "current under excitation", (1.0, "A rms"), kind="rms"),
+    "noise_current": Quantity("A", True, "noise current", (1e3, "mA rms"), event="hover", kind="rms"),
     "impulse_displacement": Quantity("m", True, "peak after an impulse", (1e6, "µm"), ("after", "N s"), "impulse"),
     "recovery_time": Quantity("s", True, "recovery from a step load", (1e3, "ms"), ("after", "N"), "step"),
     "lift_off_time": Quantity("s", True, "lift-off", (1e3, "ms"), ("from", "m"), "lift_off"),
-    "current_peak": Quantity("A", True, "peak current", (1.0, "A"), event="any"),
+    "current_peak": Quantity("A", True, "peak current", (1.0, "A"), event="any", kind="peak"),
 }
 MOST_RIGS = 256
 MOST_TEXT = 10_000  # characters of a goal
 EVENTS: tuple[EventKind, ...] = get_args(EventKind)
+
+
+def _digits(value: float) -> str:
+    """A number with as many digits as it needs to be read as the same one."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(float(value))
 
 
 @dataclass(frozen=True)
@@ -114,13 +124,13 @@ class Requirement:
     @property
     def text(self) -> str:
         """As a statement of a goal."""
-        return f"{self.name} {'<=' if self.quantity.most else '>='} {self.limit:g}{self._condition}"
+        return f"{self.name} {'<=' if self.quantity.most else '>='} {_digits(self.limit)}{self._condition}"
 
     @property
     def _condition(self) -> str:
         if self.at is None or self.quantity.condition is None:
             return ""
-        size = f"{self.at[0]:g}..{self.at[1]:g}" if isinstance(self.at, tuple) else f"{self.at:g}"
+        size = "..".join(map(_digits, self.at if isinstance(self.at, tuple) else (self.at,)))
         return f" {self.quantity.condition[0]} {size}"
 
 
@@ -149,6 +159,13 @@ class Goal:
         names = [r.name for r in self.requirements]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"goal: {', '.join(sorted(twice))} is limited twice; state each quantity once")
+        for one in self.requirements:
+            if self.best and self.best.name == one.name and self.best.at not in (None, one.at):
+                limited, best = (r._condition.strip() for r in (one, self.best))
+                raise ValueError(
+                    f"goal: {one.name} is measured {limited or 'everywhere'}, where it is limited, and made best "
+                    f"{best}; state one of the two for both"
+                )
         if not self.measured:
             raise ValueError("goal: state at least one requirement, such as 'peak_sensitivity <= 3'")
         if "current_peak" in {r.name for r in self.measured} and not self.events:
@@ -176,7 +193,7 @@ class Goal:
         if self.best and self.best in self.requirements:
             statements.append(f"best {self.best.name}")
         elif self.best:
-            statements.append(f"best {self.best.name} near {self.best.limit:g}{self.best._condition}")
+            statements.append(f"best {self.best.name} near {_digits(self.best.limit)}{self.best._condition}")
         if self.rigs:
             statements.append(f"worst of {self.rigs} rigs")
         return ", ".join(statements)
@@ -235,8 +252,8 @@ def check_goal(text: str) -> None:
         parse_goal(text)
 
 
-def _requirement(found: re.Match[str], statement: str) -> Requirement:
-    at: float | tuple[float, float] | None = None
+def _requirement(found: re.Match[str], statement: str, at: float | tuple[float, float] | None = None) -> Requirement:
+    """The requirement of a statement, at the condition `at` unless it states one."""
     quantity = QUANTITIES.get(found["name"])
     if quantity is None:
         return Requirement(found["name"], float(found["limit"]))  # which says what there is
@@ -245,7 +262,7 @@ def _requirement(found: re.Match[str], statement: str) -> Requirement:
         raise ValueError(f"goal: {statement!r}: the condition of {found['name']} is '{condition[0]}', not "
                          f"{found['word']!r}")  # fmt: skip
     try:
-        limit = in_si(float(found["limit"]), found["unit"], quantity.unit)
+        limit = _limit(found, quantity)
         if found["word"]:
             ends = [float(found[one]) for one in ("low", "high") if found[one] is not None]
             ends = [in_si(one, found["of"], condition[1]) if condition else one for one in ends]
@@ -255,9 +272,27 @@ def _requirement(found: re.Match[str], statement: str) -> Requirement:
     return Requirement(found["name"], limit, at)
 
 
+def _limit(found: re.Match[str], quantity: Quantity) -> float:
+    """The limit of a statement, SI."""
+    name, unit = found["name"], found["unit"]
+    if unit == "dB" and not quantity.gain:
+        raise ValueError(
+            f"{unit!r} is not a unit of {name}, which is no gain: where gains may change by a factor k either way, it "
+            "is 2 (k - 1) / (k + 1) at least, 0.34 of 3 dB; write the number"
+        )
+    try:
+        return in_si(float(found["limit"]), unit, quantity.unit, quantity.kind)
+    except ValueError as error:
+        if quantity.kind and unit and unit.split()[-1] in KINDS:
+            article = "an" if quantity.kind == "rms" else "a"
+            raise ValueError(f"{error}: {name} is {article} {quantity.kind} value") from None
+        raise
+
+
 def _wish(found: re.Match[str], statement: str, limited: Mapping[str, Requirement]) -> Requirement:
     if found["limit"] is not None:
-        return _requirement(found, statement)
+        same = limited.get(found["name"])
+        return _requirement(found, statement, same and same.at)
     if found["name"] not in limited:
         raise ValueError(
             f"goal: {statement!r}: {found['name']} has no limit that could serve as its scale; write 'best "

@@ -3,16 +3,18 @@
 import re
 
 PREFIXES = {"": 1.0, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
+KINDS = ("rms", "peak")  # of the value of an alternating quantity
 _PREFIX = "([nuµμmkM]?)"
 
 
-def in_si(value: float, unit: str | None, si: str) -> float:
+def in_si(value: float, unit: str | None, si: str, kind: str = "") -> float:
     """A value that is stated in a unit, in that of SI.
 
     Args:
         value: As stated.
         unit: Of the value; None: it is SI.
         si: "" for a ratio, "deg", or such as "N s/m".
+        kind: A word that may stand behind the unit: "rms" or "peak".
 
     Raises:
         ValueError: The unit is another one; the message says which would be understood.
@@ -32,8 +34,12 @@ def in_si(value: float, unit: str | None, si: str) -> float:
     pattern = r"\s*[*·]?\s*".join(_PREFIX + one for one in tops)
     if bottoms:
         pattern += r"\s*/\s*" + r"\s*[*·]?\s*".join(_PREFIX + one for one in bottoms)
-    found = re.fullmatch(pattern + (r"(?:\s+(?:rms|peak))?" if si == "A" else ""), unit)
+    plain = unit.removesuffix(f" {kind}").rstrip() if kind else unit
+    found = re.fullmatch(pattern, plain)
     if found is None:
+        stated, _, other = unit.rpartition(" ")
+        if kind and other in KINDS and re.fullmatch(pattern, stated.rstrip()):
+            raise ValueError(f"{unit!r} is not {stated.rstrip()} {kind}")
         raise ValueError(f"{unit!r} is not {si}, nor with n, u, m, k or M before its units")
     sizes = [PREFIXES[one] for one in found.groups()]
     for size in sizes[: len(tops)]:

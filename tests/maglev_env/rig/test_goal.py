@@ -49,6 +49,14 @@ def test_a_goal_is_read_and_written_as_the_same_goal():
         ("best compliance near 1e-5, best damping near 5", "is not understood"),
         ("phase_margin >= 30, worst of 100000 rigs", "draw up to 256"),
         ("phase_margin >= 30 " * 1000, "characters"),
+        (
+            "compliance <= 25e-6 in 10..50, best compliance near 1e-5 in 100..200",
+            "is measured in 10..50, where it is limited, and made best in 100..200; state one",
+        ),
+        (
+            "impulse_displacement <= 50 um after 5 mN s, best impulse_displacement near 10 um after 1 mN s",
+            "is measured after 0.005, where it is limited, and made best after 0.001; state one",
+        ),
     ],
 )
 def test_what_is_no_goal_is_refused_in_words(text, words):
@@ -122,9 +130,29 @@ def test_numbers_may_have_the_units_of_the_field():
     assert goal == parse_goal(plain)
 
 
+def test_what_is_limited_and_made_best_is_measured_once():
+    goal = parse_goal(
+        "compliance <= 25e-6 in 10..50, impulse_displacement <= 5e-5 after 5e-3, best compliance near 1e-5"
+    )
+    assert goal.best.at == (10, 50) and parse_goal(goal.text) == goal
+    same = parse_goal("impulse_displacement <= 5e-5 after 5e-3, best impulse_displacement near 1e-5 after 5 mN s")
+    assert same == parse_goal("impulse_displacement <= 5e-5 after 5e-3, best impulse_displacement near 1e-5")
+
+
+def test_a_number_of_any_digits_is_written_as_it_was_read():
+    goal = parse_goal(
+        "stiffness >= 1234567.8, compliance <= 1.23456789e-6 in 10.1234567..250.5, best damping near 1e-7"
+    )
+    assert parse_goal(goal.text) == goal and "1234567.8" in goal.text
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("current_rms <= 1 A peak", "'A peak' is not A rms: current_rms is an rms value"),
+        ("noise_current <= 50 mA peak", "'mA peak' is not mA rms: noise_current is an rms value"),
+        ("displacement <= 0.3, current_peak <= 2 A rms", "'A rms' is not A peak: current_peak is a peak value"),
+        ("disk_margin >= 3 dB", "'dB' is not a unit of disk_margin, which is no gain"),
         ("gain_margin >= 6 s", "dB and %"),
         ("phase_margin >= 0.5 rad", "degrees"),
         ("recovery_time <= 30 dB after 1", "'dB' is not s"),
