@@ -102,7 +102,7 @@ def parse_effect(text: str) -> dict[str, dict[str, float]]:
     """An effect from the command line's notation: `delay=75e-6` or `friction.force=0.05,velocity=1e-3`.
 
     Raises:
-        ValueError: As `effect`, or a value is not a number.
+        ValueError: As `effect`, a value is not a number, or a parameter is given twice.
     """
     head, _, rest = text.partition("=")
     name, _, first = head.partition(".")
@@ -110,17 +110,20 @@ def parse_effect(text: str) -> dict[str, dict[str, float]]:
     if not pairs:
         value, *more = rest.split(",")
         pairs = [(first or None, value)] + [tuple(item.partition("=")[::2]) for item in more]
-    bare, named = None, {}
+    name = name.strip()
+    leading = next(iter(EFFECTS[name].parameters)) if name in EFFECTS else None
+    named: dict[str, float] = {}
     for key, raw in pairs:
         try:
             number = float(raw)
         except ValueError:
             raise ValueError(f"effect {text!r}: {raw!r} is not a number; write name=value") from None
-        if key is None:
-            bare = number
-        else:
-            named[key.strip()] = number
-    return effect(name.strip(), bare, **named)
+        parameter = leading if key is None else key.strip()
+        if parameter in named:
+            raise ValueError(f"effect {text!r}: {parameter} is given twice")
+        if parameter is not None:
+            named[parameter] = number
+    return effect(name, **named)
 
 
 def as_effects(effects: Mapping[str, Mapping[str, float] | float]) -> Effects:

@@ -123,7 +123,7 @@ class Rig:
     coil_resistance: float = quantity("ohm", 0.0, 1e4, 0.0)
     supply_voltage: float = quantity("V", 0.1, 1e5, 24.0)
     amplifier_gain: float = quantity("A/V", 1e-4, 1e4, 1.0)
-    amplifier_time_constant: float = quantity("s", 0.0, 0.1, 0.0)
+    amplifier_time_constant: float = quantity("s", 0.0, 10.0, 0.0)
     sensor_time_constant: float = quantity("s", 0.0, 0.1, 0.0)
     probe_gain: float = quantity("V/m", 1e-3, 1e9, 8000.0)
     adc_bits: int = quantity("bit", 0, 32, 16)

@@ -22,7 +22,7 @@ class Target:
         goal: what gains are scored by: "match" for the values above, "engineer", or requirements (see `rig.goal`).
 
     Raises:
-        ValueError: A value is not a positive number, or the goal is not understood.
+        ValueError: A value is not a positive number, the band is none above 0 Hz, or the goal is not understood.
     """
 
     band: tuple[float, float] | None = None
@@ -38,6 +38,8 @@ class Target:
             optional = name in ("stiffness", "damping") and getattr(self, name) is None
             if not optional and not (is_number(value) and value > 0):
                 raise ValueError(f"[target]: {name} = {value!r} must be a number above 0")
+        if self.band is not None and not 0 < self.band[0] < self.band[1]:
+            raise ValueError(f"[target]: band = {list(self.band)} must be two increasing frequencies above 0 Hz")
         try:
             check_goal(self.goal)
         except ValueError as error:

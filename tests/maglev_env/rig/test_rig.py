@@ -80,6 +80,8 @@ def test_a_default_target_band_is_an_octave_where_the_loop_lies_below_half_of_th
         ("[parameters]", "[gains]\nkp = inf\nki = 1\nkd = 1\n[parameters]", ["kp = inf", "finite"]),
         ("[parameters]", "[tolerance]\nmass = 2\n[parameters]", ["[tolerance]", "mass = 2"]),
         ("[parameters]", "[protocol]\nperiods = 5\n[parameters]", ["[[protocol.excitation]]"]),
+        ("[parameters]", "[target]\nband = [-5, 20]\n[parameters]", ["[target]: band = [-5, 20]", "above 0"]),
+        ("[parameters]", "[target]\nband = [0, 20]\n[parameters]", ["[target]: band = [0, 20]", "above 0"]),
         ("[parameters]", "[parameters", ["line 5"]),
     ],
 )
@@ -88,6 +90,11 @@ def test_a_bad_rig_is_refused_with_its_file_and_key(old, new, words):
         rig_from_toml(TOML.replace(old, new), "mine.toml")
     for word in ["mine.toml", *words]:
         assert word in str(error.value)
+
+
+def test_the_coil_of_a_large_levitation_magnet_may_be_slow():
+    coil = {"coil_inductance": 1.0, "coil_resistance": 4.0, "amplifier_time_constant": 0.25}
+    assert with_parameters(load_rig("hmb_free"), coil).amplifier_time_constant == 0.25
 
 
 def test_a_rig_is_a_preset_or_a_toml_file(tmp_path):
@@ -149,6 +156,9 @@ def test_effects_parse_as_the_command_line_writes_them():
         ("delay=fast", "not a number"),
         ("delay=100", "outside"),
         ("delay.speed=1e-5", "no parameter 'speed'"),
+        ("delay.time=1e-4,time=2e-4", "time is given twice"),
+        ("delay=1e-4,time=2e-4", "time is given twice"),
+        ("friction=0.1,velocity=1e-3,velocity=2e-3", "velocity is given twice"),
     ):
         with pytest.raises(ValueError, match=words):
             parse_effect(text)
