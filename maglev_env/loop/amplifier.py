@@ -31,8 +31,10 @@ EFFECTS: Mapping[str, EffectCard] = {
             "voltage": Parameter("V", 1e-3, 1e5, absent=inf, starts=tuple(np.geomspace(0.1, 20.0, 40))),
             "softness": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=0.3),
         },
-        "|L di/dt + R i| <= V: the voltage limits how fast the coil's current can change; with softness s, a command "
-        "beyond what the current can follow by x limits is followed by x / (1 + |x|^(1 / s))^s",
+        "|L di/dt + R i| <= V: the voltage limits how fast the coil's current can change; i counts from rest, so V is "
+        "what is left beside the voltage that holds the bias, or the current that carries a weight, and is the same up "
+        "and down; with softness s, a command beyond what the current can follow by x limits is followed by "
+        "x / (1 + |x|^(1 / s))^s",
         "command and current at two amplitudes",
         ("coil",),
         flexible=True,

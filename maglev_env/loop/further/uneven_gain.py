@@ -17,7 +17,8 @@ EFFECTS: Mapping[str, EffectCard] = {
     "asymmetric_gain": EffectCard(
         "actuator",
         {"change": Parameter("", -0.9, 0.9, scale=0.05, starts=(-0.1, 0.1))},
-        "the force-producing current is i + change |i|: the halves of a bridge or of a pair differ",
+        "the force-producing current is i + change |i|, where i counts from rest: the halves of a bridge or of a pair "
+        "differ",
         "current and displacement at two amplitudes, with means",
         ("magnets",),
         flexible=True,
@@ -34,8 +35,9 @@ EFFECTS: Mapping[str, EffectCard] = {
             "phase": phase(),
             "settling": Parameter("1/s", 0.0, 100.0, 0.0, shape=1.0, scale=0.3),
         },
-        "the force-producing current is multiplied by 1 + rate t + depth sin(2 pi f t + phase): warming, a supply that "
-        "sags or ripples; in another form t is (1 - e^(-settling t)) / settling, as of what becomes as warm as it will",
+        "the force-producing current, counted from rest, is multiplied by 1 + rate t + depth sin(2 pi f t + phase): "
+        "warming, a supply that sags or ripples, where another source makes the bias or carries the weight; in another "
+        "form t is (1 - e^(-settling t)) / settling, as of what becomes as warm as it will",
         "displacement, by periods",
         ("magnets",),
         flexible=True,
