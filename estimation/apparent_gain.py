@@ -1,7 +1,7 @@
 """The apparent gain of an actuator in bands: force per ampere, complex, where mass, stiffness and damping are known."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -84,6 +84,24 @@ class ApparentGain:
     stiffness_se: float
     source: str
     damping: float
+
+    def with_errors(self, size: float, time: float, stiffness: float) -> "ApparentGain":
+        """The same with further, independent standard errors, each of which all bands have in common.
+
+        Args:
+            size: Of the gain, relative.
+            time: Of when the force acts, s.
+            stiffness: Of the stiffness that it stands on, N/m; what it does to the gain is in `size`.
+        """
+        bands = tuple(
+            replace(
+                b,
+                size_se=float(np.hypot(b.size_se, size * abs(b.gain))),
+                phase_se=float(np.hypot(b.phase_se, 2 * np.pi * b.frequency * time)),
+            )
+            for b in self.bands
+        )
+        return replace(self, bands=bands, stiffness_se=float(np.hypot(self.stiffness_se, stiffness)))
 
     @property
     def together(self) -> float:
@@ -187,4 +205,4 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
             found.append(BandGain(low, high, centre, gain, float(size) * abs(gain), float(phase), sign=sign))
     if not found:
         return None
-    return ApparentGain(tuple(found), actuator.stiffness, loose * actuator.stiffness_se, "identified", damping)
+    return ApparentGain(tuple(found), actuator.stiffness, actuator.stiffness_se, "identified", damping)

@@ -164,12 +164,13 @@ def with_relative_uncertainty(band: Band, share: float) -> Band:
 
 
 def with_timing_uncertainty(band: Band, time: float, mass: float) -> Band:
-    """The band with its damping interval widened by a standard error (s) of when the force acts.
+    """The band with its intervals widened by a standard error (s) of when the force acts.
 
-    Of a force that comes late by t, the part (k - m w^2) y turns by w t, as that of a damping t (k - m w^2) does.
+    Of a force that comes late by t, the part (k - m w^2) y turns by w t, as that of a damping t (k - m w^2) does, and
+    that of the damping becomes a stiffness t w^2 c.
     """
     w = np.pi * (band.f_lo + band.f_hi)
-    return _widened(band, 0.0, time * (band.stiffness - mass * w**2))
+    return _widened(band, -time * w**2 * band.damping, time * (band.stiffness - mass * w**2))
 
 
 def with_mass_uncertainty(band: Band, mass_se: float) -> Band:

@@ -271,10 +271,11 @@ def _apparent_gain(
     if "current" not in spectra.all.channels:
         return None
     try:
-        actuator, force, *_ = magnets or _through_magnets(signals, spectra, rig, mass, False)
+        actuator, force, _, unsure = magnets or _through_magnets(signals, spectra, rig, mass, False)
     except ValueError:  # nothing is injected, or too few lines are
         return None
-    return periodic_gain(force, mass, actuator)
+    found = periodic_gain(force, mass, actuator)
+    return found and found.with_errors(0.0, unsure, 0.0)
 
 
 def _through_magnets(

@@ -5,7 +5,11 @@ from dataclasses import dataclass, field, replace
 
 from maglev_env.evaluation.identification import Identification, identify
 from maglev_env.evaluation.identification_planar import PlanarIdentification, identify_planar
-from maglev_env.evaluation.known_mass import planar_within_tolerance_of_mass, within_tolerance_of_mass
+from maglev_env.evaluation.known_mass import (
+    planar_within_tolerance_of_mass,
+    within_tolerance_of_channels,
+    within_tolerance_of_mass,
+)
 from maglev_env.loop.axes import AXES
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.each_recording import each_recording
@@ -81,7 +85,7 @@ def identify_campaign(
             found.aperiodic.append(spec.file)
         signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
         try:
-            found.axes.extend(_axes(spec.file, signals, campaign, estimate_mass, band_width, band_overlap))
+            found.axes.extend(_axes(spec, signals, campaign, estimate_mass, band_width, band_overlap))
         except ValueError as error:
             if estimate_mass:
                 raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
@@ -128,10 +132,10 @@ def identify_campaign(
 
 
 def _axes(
-    file: str, signals: RecordedSignals, campaign: Campaign, *options: object
+    spec: RecordingSpec, signals: RecordedSignals, campaign: Campaign, *options: object
 ) -> list[tuple[str, Identification]]:
     """The identification of a recording; with two axes, of each axis alone."""
-    rig = campaign.rig
+    rig, file = campaign.rig, spec.file
     parts = [(file, signals)]
     if signals.axes == 2:
         parts = [(f"{file}, {name}", axis_signals(signals, axis)) for axis, name in enumerate(AXES)]
@@ -143,8 +147,23 @@ def _axes(
         one = rig if rig is None or own.axis is None else axis_rig(rig, own.axis)
         mass = campaign.mass if one is None else one.mass
         tolerance = 0.0 if one is None else one.tolerance.get("mass", 0.0)
-        found.append((name, within_tolerance_of_mass(identify(own, one, mass, *options), tolerance)))
+        alone = within_tolerance_of_mass(identify(own, one, mass, *options), tolerance)
+        found.append((name, within_tolerance_of_channels(alone, *_errors(spec, own.axis))))
     return found
+
+
+def _errors(spec: RecordingSpec, axis: int | None) -> tuple[dict[str, float], float]:
+    """Relative errors of the scales of displacement, current (else the command, which stands for it) and force along an
+    axis, and that of the time between them, s, as far as a campaign states them."""
+    ending = "" if axis is None else f"_{AXES[axis]}"
+    drive = "current" if f"current{ending}" in spec.channels else "command"
+    sources = {
+        name: spec.channels.get(f"{by}{ending}")
+        for name, by in (("displacement", "displacement"), ("current", drive), ("force", "force"))
+    }
+    scales = {name: source.scale_tolerance if source else 0.0 for name, source in sources.items()}
+    late = [(source.delay_tolerance or 0.0) if source else 0.0 for source in sources.values()]
+    return scales, float(sum(own**2 for own in late) ** 0.5)
 
 
 def _alone(why: Mapping[str, str]) -> tuple[str, ...]:

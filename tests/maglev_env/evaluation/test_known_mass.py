@@ -7,7 +7,11 @@ import pytest
 
 from maglev_env.evaluation.identification import identify
 from maglev_env.evaluation.identification_planar import identify_planar
-from maglev_env.evaluation.known_mass import planar_within_tolerance_of_mass, within_tolerance_of_mass
+from maglev_env.evaluation.known_mass import (
+    planar_within_tolerance_of_mass,
+    within_tolerance_of_channels,
+    within_tolerance_of_mass,
+)
 from maglev_env.experiment import protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.recordings.recording import simulated_recording
@@ -15,6 +19,7 @@ from maglev_env.recordings.spectra import RecordedSignals
 from maglev_env.rig.rig_file import load_rig
 
 TOLERANCE = 0.01
+SCALED = ("displacement", "current", "force")
 
 
 def recorded(name, at):
@@ -42,6 +47,45 @@ def test_intervals_grow_by_what_another_mass_changes(name, at):
     if at == "current":
         more = heavier.actuator.gain - known.actuator.gain
         assert np.hypot(known.actuator.gain_se, more) == pytest.approx(found.actuator.gain_se, rel=0.01)
+        assert found.gain.stiffness_se == found.actuator.stiffness_se
+        for own, wide, moved in zip(known.gain.bands, found.gain.bands, heavier.gain.bands, strict=True):
+            more = abs(moved.gain) - abs(own.gain)
+            assert wide.size_se == pytest.approx(np.hypot(own.size_se, more), rel=0.01)
+
+
+@pytest.mark.parametrize(("name", "at"), [("pedestal", "force"), ("hmb_free", "current")])
+def test_intervals_grow_by_what_other_scales_and_a_late_displacement_change(name, at):
+    rig, signals = recorded(name, at)
+    known = identify(signals, rig, rig.mass)
+    scales, none, late = {"displacement": 0.03, "current": 0.04, "force": 0.04}, dict.fromkeys(SCALED, 0.0), 2e-5
+    f = np.fft.rfftfreq(signals.channels["displacement"].size, 1 / signals.sample_rate)
+    turned = np.fft.irfft(
+        np.fft.rfft(signals.channels["displacement"]) * np.exp(-2j * np.pi * f * late),
+        signals.channels["displacement"].size,
+    )
+    for factor, (given, time) in {1.03: (none | {"displacement": 0.03}, 0.0), 1.0: (none, late)}.items():
+        motion = (signals.channels["displacement"] if factor != 1 else turned) * factor
+        other = identify(replace(signals, channels=signals.channels | {"displacement": motion}), rig, rig.mass)
+        found = within_tolerance_of_channels(known, given, time)
+        for quantity in ("stiffness", "damping"):
+            own, wide, moved = (
+                np.array([getattr(b, quantity + end) for b in one.bands if b.informative])
+                for one, end in ((known, "_se"), (found, "_se"), (other, ""))
+            )
+            moved = abs(moved - np.array([getattr(b, quantity) for b in known.bands if b.informative]))
+            ratio = wide / np.hypot(own, moved)  # bands at the ends hold much noise, which moves them too
+            assert ratio.min() > 0.9 and np.median(ratio) == pytest.approx(1, abs=0.05)
+        if at == "current":
+            for own, wide, moved in zip(known.gain.bands, found.gain.bands, other.gain.bands, strict=True):
+                more = abs(moved.gain) - abs(own.gain)
+                assert wide.size_se == pytest.approx(np.hypot(own.size_se, more), rel=0.02)
+                if time:
+                    assert wide.phase_se > 2 * np.pi * own.frequency * time
+    both = within_tolerance_of_channels(known, scales, 0.0)
+    if at == "current":
+        gain = known.actuator.gain
+        assert both.actuator.gain_se == pytest.approx(np.hypot(known.actuator.gain_se, 0.05 * gain))
+        assert both.bands == known.bands  # the mass is the scale of stiffness and damping
 
 
 def test_a_mass_that_was_fitted_or_is_exact_widens_nothing():

@@ -60,10 +60,10 @@ def test_without_a_rig_a_recording_that_tells_nothing_is_named_and_the_others_st
     steps = SimpleNamespace(file="steps.csv", excitations=(SimpleNamespace(kind="multisine", at="force"),), role="fit")
     read = recordings.each_recording
 
-    def axes(file, *args):
-        if file == "sine.csv":
+    def axes(spec, *args):
+        if spec.file == "sine.csv":
             raise ValueError("1 lines")
-        return [(file, "identified")]
+        return [(spec.file, "identified")]
 
     monkeypatch.setattr(recordings, "_axes", axes)
     monkeypatch.setattr(
