@@ -297,12 +297,15 @@ def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coeffi
     found, of_all = {}, {c.name: c for c in whole}
     for a in own:
         b = of_all[a.name]
-        # The whole contains the recording, so their difference varies by what the others add.
-        spread = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2))
-        if a.identified and b.identified and spread > 0 and abs(a.value - b.value) > limit * spread:
+        # The whole contains the recording, so their difference varies by what the others add. Where a misfit leaves the
+        # whole less sure than the recording, the one says nothing of the error of the other.
+        of_both = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2)) if b.se < a.se else np.hypot(a.se, b.se)
+        apart = abs(a.value - b.value)
+        if a.identified and b.identified and of_both > 0 and apart > limit * of_both:
+            # The error of the whole is in the table, widened by just these disagreements.
             found[a.name] = (
                 f"{name}: {a.name.replace('_', ' ')} {quantity(a.value, a.se, a.unit)}, and "
-                f"{quantity(b.value, b.se, b.unit)} of all recordings together: {abs(a.value - b.value) / spread:.1f} "
-                "standard errors apart"
+                f"{quantity(b.value, None, b.unit)} of all recordings together: apart by "
+                f"{quantity(apart, float(of_both), a.unit)}, {apart / of_both:.1f} standard errors"
             )
     return found

@@ -8,7 +8,7 @@ import pytest
 
 from maglev_env.rig.rig_file import load_rig
 from sim2real.coefficients import Coefficient
-from sim2real.pooled import _pulled, _reaching, exact_mass
+from sim2real.pooled import _disagreements, _pulled, _reaching, exact_mass
 
 
 @pytest.mark.parametrize(
@@ -44,3 +44,20 @@ def test_what_contradicts_the_mass_at_rest_is_no_surer_of_what_rest_does_not_tel
     assert damping.se == pytest.approx(0.14 * 118 / 10 / 1.96, rel=1e-3) and damping.bounded
     assert not _reaching([*moving[:2], replace(moving[2], most=0.5)], resting)[2].bounded
     assert _reaching([moving[2]], resting)[0] == moving[2]
+
+
+def damping(value, se):
+    return [Coefficient("damping", "N s/m", value, se, 0.1, True)]
+
+
+def test_how_far_a_recording_is_from_all_follows_from_what_is_printed():
+    said = _disagreements("run2", damping(0.69, 0.05), damping(0.4, 0.03))["damping"]
+    assert said.startswith("run2: damping 0.690 +- 0.050 N s/m, and 0.4 N s/m of all recordings together: ")
+    assert said.endswith("apart by 0.290 +- 0.040 N s/m, 7.2 standard errors")
+
+
+def test_a_recording_that_is_surer_than_all_is_no_further_from_them_than_their_error_allows():
+    """0.1365 +- 0.0018 beside 0.1319 +- 0.0038 had been 5.1 standard errors apart."""
+    assert not _disagreements("run", damping(0.1365, 0.0018), damping(0.1319, 0.0038))
+    (said,) = _disagreements("run", damping(0.1365, 0.0018), damping(0.1019, 0.0038)).values()
+    assert "0.0346 +- 0.0042 N s/m, 8.2 standard errors" in said
