@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from estimation.lines.curves import Crossings, crossings, largest, refine, refined_parts, smooth_response
@@ -23,6 +24,10 @@ Interval = tuple[float | None, float | None]
 
 TOGETHER = 32  # loops
 ALONG = 2.0  # standard deviations of Im L within which L may cross the real axis
+# Largest standard error, relative to S, of lines that tell a loop gain. Below |S| = 1/2 noise must only not make S
+# vanish; above, where |L| may be small, not |L| = 1 either, on one of hundreds of lines.
+TOLD_LARGE, TOLD = 0.3, 0.12
+FEWEST = 4  # lines that a curve can be laid through
 UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes from the interpolation
 
 
@@ -30,10 +35,10 @@ UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes f
 class Margins:
     """Margins of one loop; None where the lines hold none.
 
-    The upper gain margin is that of a smooth curve through the lines, if that has one. Noise biases the other values to
-    the cautious side (peaks up, margins down). The intervals allow for that, so a value may lie at the end of its own
-    interval. A peak at the first or last line is reported with a reason, because it bounds the true peak from one side
-    only.
+    Lines that do not tell S from noise are left out. The upper gain margin is that of a smooth curve through the lines,
+    if that has one, and there is no lower one where that curve has none. Noise biases the other values to the cautious
+    side (peaks up, margins down). The intervals allow for that, so a value may lie at the end of its own interval. A
+    peak at the first or last line is reported with a reason, because it bounds the true peak from one side only.
 
     Attributes:
         peak_sensitivity: Largest |S|.
@@ -159,6 +164,7 @@ def margins(
         raise ValueError(f"variance must hold {s.size} finite values >= 0, one per line")
     if draws != 0 and draws < 100:
         raise ValueError("draws must be 0 (no intervals) or at least 100")
+    f, s, noise = _told(f, s, noise)
     values = {name: float(value) for name, value in margin_arrays(f, s).items()}
     # Draws around the noisy estimate would add its bias a second time; the smoothed curve has almost none. L is
     # smoothed and not S, because L has no sharp peak; |dL| = |dS| / |S|^2.
@@ -169,10 +175,25 @@ def margins(
     # Noise crosses the real axis wherever L is small, and the worst of such crossings is no margin of the loop.
     if not np.isnan(middle["gain_margin_high"]):
         values |= {name: middle[name] for name in ("gain_margin_high", "gain_margin_high_frequency")}
+    if np.isnan(middle["gain_margin_low"]):
+        values |= dict.fromkeys(("gain_margin_low", "gain_margin_low_frequency"), np.nan)
     reasons = _reasons(f, np.abs(s), values)
     intervals = _intervals(f, centre, noise, values, middle, _drawn(noise, draws, seed, freedom)) if draws else {}
     fields: dict[str, Any] = {name: None if np.isnan(value) else value for name, value in values.items()}
     return Margins(**fields, reasons=reasons, intervals=intervals)
+
+
+def _told(f: Array, s: NDArray[np.complex128], variance: Array) -> tuple[Array, NDArray[np.complex128], Array]:
+    """The lines that tell a loop gain, with their sensitivity and variance; all where too few do.
+
+    Where S is lost in noise, L = 1 / S - 1 is any number, and a curve through such numbers crosses everything.
+    """
+    # The median of neighbours, as a line that chance made small is not to be picked by that.
+    size, share = (
+        scipy.ndimage.median_filter(own, 5, mode="nearest") for own in (np.abs(s), np.sqrt(variance) / np.abs(s))
+    )
+    told = share <= np.where(size < 0.5, TOLD_LARGE, TOLD)
+    return (f[told], s[told], variance[told]) if told.sum() >= FEWEST else (f, s, variance)
 
 
 def _smoothed(f: Array, gain: NDArray[np.complex128], variance: Array) -> NDArray[np.complex128]:
@@ -265,6 +286,10 @@ def _intervals(
         ends["peak_sensitivity"], ends["peak_frequency"] = (ends["peak_sensitivity"][0], np.nan), (np.nan, np.nan)
     if _at_edge(f, values["disk_margin_frequency"]):
         ends["disk_margin"] = (np.nan, ends["disk_margin"][1])
+    # The loop gain vanishes at high frequencies, so |S| is 1 somewhere, and above 1 elsewhere (H. W. Bode); no phase is
+    # further than half a turn away.
+    ends["peak_sensitivity"] = (float(np.fmax(ends["peak_sensitivity"][0], 1.0)), ends["peak_sensitivity"][1])
+    ends["phase_margin"] = (ends["phase_margin"][0], float(np.minimum(ends["phase_margin"][1], 180.0)))
     # A strongly biased value may lie outside its interval on the cautious side; the interval is then extended to it.
     return {
         name: (_known(np.minimum(low, values[name])), _known(np.maximum(high, values[name])))

@@ -110,4 +110,11 @@ def _within_tolerance(
             high and float(value * np.exp(np.hypot(np.log(high / value), spread[name]))),
         )
 
-    return replace(found, intervals={name: wider(name) for name in found.intervals})
+    widened = {name: wider(name) for name in found.intervals}
+    if widened:
+        low, high = widened["peak_sensitivity"]
+        least, most = found.intervals["peak_sensitivity"][0], widened["phase_margin"][1]
+        # No tolerance moves a peak below 1, nor a phase margin beyond half a turn.
+        widened["peak_sensitivity"] = (low and max(low, min(least or 1.0, 1.0)), high)
+        widened["phase_margin"] = (widened["phase_margin"][0], most and min(most, 180.0))
+    return replace(found, intervals=widened)

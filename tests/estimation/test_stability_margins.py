@@ -267,3 +267,40 @@ def test_a_crossing_that_noise_moves_along_the_real_axis_is_bounded_by_where_it_
         low, high = margins(f, clean + noise, variance, draws=200).intervals["gain_margin_low"]
         held.append((low or 0.0) <= true <= (high or np.inf))
     assert np.mean(held) > 0.88  # .68 where the crossing is taken to be near that of the smooth curve
+
+
+def test_lines_that_noise_drowns_make_neither_margins_nor_ends_of_intervals():
+    """A rotor on a spring with an integral, recorded from where S is lost in noise to where the loop gain is.
+
+    It had a lower gain margin of its noise, peaks of |S| from 0.6 and phase margins up to 228 degrees in the intervals.
+    """
+
+    def clean(f):
+        s = 2j * np.pi * f
+        pid = 900 + 2000 / s + 7 * s / (1 + 1.5e-3 * s)
+        return 1 / (1 + 8 * pid * np.exp(-1.5e-3 * s) / (0.45 * s**2 + 0.6 * s + 233))
+
+    f, fine, rng = np.arange(0.25, 350.0, 0.5), np.geomspace(0.25, 350.0, 20_001), np.random.default_rng(6)
+    true = margin_arrays(fine, clean(fine))
+    assert np.isnan(true["gain_margin_low"])
+    variance = (0.008 + 0.5 * (f / 350) ** 2.5) ** 2
+    held = []
+    for seed in range(12):
+        got = margins(f, noisy(rng, clean(f), variance), variance, draws=200, seed=seed)
+        assert got.gain_margin_low is None and "gain_margin_low" in got.reasons
+        assert got.intervals["gain_margin_low"] == (None, None)
+        for name in ("peak_sensitivity", "phase_margin", "delay_margin", "disk_margin"):
+            low, high = got.intervals[name]
+            held.append(low <= true[name] <= high)
+            assert high < 1.2 * low, name
+    assert np.mean(held) > 0.87
+
+
+def test_a_peak_is_not_below_one():
+    f, rng = np.geomspace(1.0, 2000.0, 60), np.random.default_rng(7)
+    s = 2j * np.pi * f
+    clean = 1 / (1 + 300 / (s * (1 + s / 2000)))  # |S| is 1.03 at most
+    variance = np.full(f.size, 0.05**2)
+    for seed in range(4):
+        found = margins(f, noisy(rng, clean, variance), variance, draws=200, seed=seed)
+        assert found.peak_sensitivity > 1 and found.intervals["peak_sensitivity"][0] >= 1
