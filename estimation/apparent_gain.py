@@ -31,6 +31,7 @@ class BandGain:
         of_each: Recording -> its own gain, where there are several; those that tell one.
         sign: Of the one gain of all frequencies, beside which the phase is counted; -1 where a current in the opposite
             direction makes the force.
+        own_se: What of the standard error of its size no other band shares, N/A; 0 where that is not told.
     """
 
     f_lo: float
@@ -41,6 +42,7 @@ class BandGain:
     phase_se: float
     of_each: Mapping[str, complex] = field(default_factory=dict)
     sign: float = 1.0
+    own_se: float = 0.0
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -102,6 +104,20 @@ class ApparentGain:
             for b in self.bands
         )
         return replace(self, bands=bands, stiffness_se=float(np.hypot(self.stiffness_se, stiffness)))
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the bands' gains, relative, beyond what noise makes; 0 where one gain may do.
+
+        By the moments of R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986.
+        """
+        gain, se = np.array([[abs(b.gain), b.own_se] for b in self.bands]).T
+        if gain.size < 2 or not se.all():
+            return 0.0
+        weight = se**-2
+        mean = weight @ gain / weight.sum()
+        beyond = weight @ (gain - mean) ** 2 - (gain.size - 1)
+        return float(np.sqrt(max(beyond, 0.0) / (weight.sum() - weight @ weight / weight.sum())) / mean)
 
     @property
     def together(self) -> float:
@@ -202,7 +218,9 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
             relative = noise / abs(factor) ** 2
             size, phase = (np.sqrt(relative + np.sum(part**2)) for part in (common.real, common.imag))
             gain, sign = actuator.gain * factor, float(np.sign(actuator.gain))
-            found.append(BandGain(low, high, centre, gain, float(size) * abs(gain), float(phase), sign=sign))
+            own = float(np.sqrt(noise)) * abs(actuator.gain)
+            size_se = float(size) * abs(gain)
+            found.append(BandGain(low, high, centre, gain, size_se, float(phase), sign=sign, own_se=own))
     if not found:
         return None
     return ApparentGain(tuple(found), actuator.stiffness, actuator.stiffness_se, "identified", damping)

@@ -217,12 +217,15 @@ def identify(
             )
     if mass is None:
         raise ValueError("the moving mass is not known: give [parameters] mass, or estimate it with --estimate-mass")
+    gain = None if estimate_mass else _apparent_gain(signals, spectra, rig, float(mass), magnets)
     layout = band_layout(force, rig, band_width, band_overlap)
     bands = band_coefficients(force, mass, layout, signals, None if actuator else rig)
     if modal:
         bands = tuple(with_mass_uncertainty(b, modal.mass_se) for b in bands)
     if actuator:
-        bands = tuple(with_gain_uncertainty(b, actuator.gain_se / abs(actuator.gain), mass) for b in bands)
+        # Where one gain does not fit all lines, that of a band is as unsure as the gains of the bands differ.
+        share = np.hypot(actuator.gain_se / actuator.gain, gain.scatter if gain else 0.0)
+        bands = tuple(with_gain_uncertainty(b, float(share), mass) for b in bands)
         bands = tuple(with_timing_uncertainty(b, unsure, mass) for b in bands)
     sure = [b for b in bands if b.informative]
     if sure and np.mean([b.damping_ci[1] < 0 for b in sure]) > 0.8:
@@ -240,8 +243,7 @@ def identify(
         notes.append(why)
     periods = statistics.periods
     return Identification(
-        bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes),
-        None if estimate_mass else _apparent_gain(signals, spectra, rig, float(mass), magnets),
+        bands, float(mass), modal, actuator, natural, zeta, bent, stability, dropped, periods, force, tuple(notes), gain
     )  # fmt: skip
 
 

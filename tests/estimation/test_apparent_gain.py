@@ -171,3 +171,11 @@ def test_bands_adjoin_and_hold_what_they_must():
     found = edges(0.1, 100.0, 0.7)
     assert found[0] == (0.1, pytest.approx(0.8)) and found[-1][0] <= 100.0 < found[-1][1]
     assert all(a[1] == b[0] and b[1] - b[0] >= 0.7 - 1e-9 for a, b in pairwise(found))
+
+
+def test_the_scatter_is_what_the_gains_of_bands_differ_beyond_their_errors():
+    of_one = [found.scatter for found in found_of(draw(spectra(GAIN, noise=1.0), 60, seed=45), 60)]
+    assert np.median(of_one) == 0.0
+    uneven = spectra(GAIN * (1 + 0.02 * np.sin(4 * np.log(F))), noise=0.1)
+    of_many = [found.scatter for found in found_of(draw(uneven, 20, seed=46), 20)]
+    assert np.mean(of_many) == pytest.approx(0.02 / 2**0.5, rel=0.4)

@@ -150,6 +150,8 @@ def trust(band: Band) -> str:
     if band.ls_biased:
         return "ML"
     misfit = band.fit_p < MISFIT and band.r2_adjusted < POOR_FIT
+    # Worse than a constant, it tells no coefficient that differs from none.
+    misfit |= band.r2_adjusted < 0 and any(low > 0 or high < 0 for low, high in (band.stiffness_ci, band.damping_ci))
     return "poor fit" if misfit else "either"
 
 

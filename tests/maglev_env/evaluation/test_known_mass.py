@@ -117,3 +117,16 @@ def test_of_two_axes_the_direct_stiffnesses_grow_by_what_other_masses_change():
         )
         assert (more[sure, axis, 1 - axis] == 0).all()
     assert (found.estimate.stiffness_high >= known.estimate.stiffness_high)[sure].all()
+
+
+def test_bands_are_as_unsure_as_the_gains_of_bands_differ(monkeypatch):
+    """A stiffness that seems to fall with frequency was that of one gain that fitted none of the bands."""
+    rig, signals = recorded("hmb_free", "current")
+    found = []
+    for scatter in (0.0, 0.01):
+        monkeypatch.setattr("estimation.apparent_gain.ApparentGain.scatter", scatter)
+        found.append(identify(signals, rig, rig.mass))
+    for one, wide in zip(found[0].bands, found[1].bands, strict=True):
+        inertia = rig.mass * (np.pi * (one.f_lo + one.f_hi)) ** 2
+        more = 0.01 * abs(one.stiffness - inertia)
+        assert wide.stiffness_se == pytest.approx(np.hypot(one.stiffness_se, more), nan_ok=True)

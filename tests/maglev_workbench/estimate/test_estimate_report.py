@@ -16,7 +16,7 @@ from estimation.stability_margins import Margins
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification
 from maglev_env.evaluation.stability import Stability
-from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table
+from maglev_workbench.commands.estimate.report import estimate_json, estimate_page, estimate_table, trust
 
 
 def band(f_lo, **changes):
@@ -115,6 +115,12 @@ def test_table_says_what_to_trust():
     assert [row.style for row in table.rows] == ["", "yellow", "dim"]
     text = text_of(table)
     assert "30.00 ±0.10" in text and "29.00 ±0.20" in text and "∞" in text
+
+
+def test_a_fit_that_is_worse_than_a_constant_is_not_trusted():
+    assert trust(band(1.0, r2_adjusted=-0.23)) == "poor fit"
+    none = {"stiffness_ci": (-50.0, 20.0), "damping_ci": (-1.0, 2.0)}  # it claims nothing, and rightly
+    assert trust(band(1.0, r2_adjusted=-0.02, **none)) == "either"
 
 
 @pytest.mark.parametrize(("method", "columns"), [("ls", 5), ("ml", 5), ("both", 7)])
