@@ -133,7 +133,7 @@ def find_layout(head: Sequence[str], tail: Sequence[str], stated: TextLayout) ->
     first = _first_row(head, separator, decimal, expected, stated.header or 0)
     names, last, notes = _names(head[:first], separator, decimal, width, width - empty, stated)
     names = names[: max(last, width - empty)]
-    preamble = read_preamble([cells_of(line, separator) for line in head[:first]], names, decimal)
+    preamble = read_preamble([_above(line, separator) for line in head[:first]], names, decimal)
     return Layout(separator, decimal, names, first, width, (*signs, *notes), preamble)
 
 
@@ -210,13 +210,23 @@ def _first_row(head: Sequence[str], separator: str, decimal: str, expected: list
     raise Refused(f"no line of numbers in columns follows in the first {len(head)} lines; {STATE_IT}")
 
 
+def _above(line: str, separator: str) -> list[str]:
+    """The cells of a line above the numbers; units in a comment without its sign."""
+    bare = cells_of(_uncommented(line), separator) if is_left_out(line) else []
+    return bare if any(bare) and are_units(bare) else cells_of(line, separator)
+
+
+def _uncommented(line: str) -> str:
+    return line.strip().lstrip("#%/ ")
+
+
 def _names(
     above: Sequence[str], separator: str, decimal: str, width: int, least: int, stated: TextLayout
 ) -> tuple[tuple[str, ...], int, list[str]]:
     """Names (width,), "" for none, from the lines above the numbers; how many are names; what was told."""
 
     def named(line: str, comment: bool = False) -> list[str] | None:
-        text = line.strip().lstrip("#%/ ") if comment else line
+        text = _uncommented(line) if comment else line
         cells = cells_of(text, separator)
         if separator == " " and len(cells) != least and len(apart := re.split(r"\s{2,}", text.strip())) == least:
             cells = apart  # names of several words, in columns as wide as their numbers
@@ -258,9 +268,14 @@ def _names(
                 f"line {lines[-1] + 1} has {len(cells)} names, the numbers below it {least} columns; mend it, or "
                 "state the line of the names, format = { header = 1 }, or that there is none, header = 0"
             )
-    for i in range(len(above) - 1, -1, -1):
-        if above[i].strip() and is_left_out(above[i]) and (names := named(above[i], comment=True)):
-            return done(names, f"the columns are named by the comment in line {i + 1}")
+    comments = [i for i, line in enumerate(above) if line.strip() and is_left_out(line)]
+    fitting = [(i, cells) for i in reversed(comments) if (cells := named(above[i], comment=True))]
+    if len(fitting) > 1 and are_units(fitting[0][1][:least]) and not are_units(fitting[1][1][:least]):
+        (of_units, _), (i, cells) = fitting[:2]
+        units = f"line {of_units + 1} is taken as units and not read: state scales in channels"
+        return done(cells, f"the columns are named by the comment in line {i + 1}", units)
+    for i, cells in fitting[:1]:
+        return done(cells, f"the columns are named by the comment in line {i + 1}")
     return done([], f'the columns have no names: they go by position, "[0]" to "[{least - 1}]"')
 
 

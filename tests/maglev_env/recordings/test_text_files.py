@@ -73,6 +73,19 @@ def test_what_was_told_from_the_file_is_said(tmp_path):
     assert not read_columns(path).notes
 
 
+def test_a_comment_of_units_below_one_of_names_tells_units(tmp_path):
+    """The units became the names, and what was called "um" was the reference in mm."""
+    path = tmp_path / "x.txt"
+    path.write_text("% stand, axis V\n% t\tpos\n% s\tum\n" + rows("\t"))
+    columns = read_columns(path)
+    np.testing.assert_array_equal(columns.column("pos"), Y)
+    notes = " | ".join(columns.notes)
+    assert "named by the comment in line 2" in notes and "line 3 is taken as units" in notes
+    assert columns.headers["pos"] == "pos [um]"
+    path.write_text("% s\tum\n" + rows("\t"))  # nothing else may be the names
+    np.testing.assert_array_equal(read_columns(path).column("um"), Y)
+
+
 @pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", "."), ("   ", ".")])
 def test_without_a_header_columns_go_by_position_from_zero(tmp_path, separator, decimal):
     path = tmp_path / "x.txt"
