@@ -39,6 +39,7 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
     """What the columns of each file are where files with the same columns are not taken for the same.
 
     The assignment that most of them have is taken, and of two the one with more channels; for files that have it, None.
+    One that shows opposed coils goes before all others: at rest, noise hides that one current rises as the other falls.
     A column that rests in a file, as the injection of the other axis, says nothing against what it is in others.
 
     Args:
@@ -50,26 +51,36 @@ def like_most(guesses: Sequence[RecordingGuess]) -> list[tuple[ColumnGuess, ...]
     found = []
     for guess in guesses:
         others = alike[tuple(_place(guess, c.column) for c in guess.columns)]
-        model = max(others, key=lambda one: (sum(_agree(one, g) for g in others), len(one.channels)))
+        model = max(others, key=lambda one: (_pairs(one), sum(_agree(one, g) for g in others), len(one.channels)))
         if _agree(guess, model):
             found.append(None)
             continue
-        both = zip(model.columns, guess.columns, strict=True)
-        found.append(tuple(own if own.channel == c.channel == "time" else _as_in(model, c, own) for c, own in both))
+        both = list(zip(model.columns, guess.columns, strict=True))
+        names = {c.column: own.column for c, own in both}
+        found.append(
+            tuple(own if own.channel == c.channel == "time" else _as_in(model, c, own, names) for c, own in both)
+        )
     return found
 
 
-def _as_in(model: RecordingGuess, column: ColumnGuess, own: ColumnGuess) -> ColumnGuess:
-    """The column of a file as the one of the model with the same name."""
-    same = column.channel == own.channel
+def _pairs(guess: RecordingGuess) -> int:
+    """How many pairs of opposed coils a file shows."""
+    return sum(bool(c.less) for c in guess.columns)
+
+
+def _as_in(model: RecordingGuess, column: ColumnGuess, own: ColumnGuess, names: Mapping[str, str]) -> ColumnGuess:
+    """The column of a file as the one of the model with the same name; names: those of the model -> of the file."""
+    less = names.get(column.less, "")
+    same = (column.channel, less) == (own.channel, own.less)
     reason = column.reason if same else f"as in {model.file}, which has the same columns: {column.reason}"
-    return replace(column, column=own.column, reason=reason)
+    return replace(column, column=own.column, reason=reason, less=less)
 
 
 def _agree(one: RecordingGuess, other: RecordingGuess) -> bool:
     """Whether two files with the same columns take each for the same channel, where it does not rest."""
     both = zip(one.columns, other.columns, strict=True)
-    return all(a.channel == b.channel or a.resting or b.resting for a, b in both)
+    same = all(a.channel == b.channel or a.resting or b.resting for a, b in both)
+    return same and _pairs(one) == _pairs(other)
 
 
 def one_clock(guesses: Sequence[RecordingGuess]) -> list[Guess]:

@@ -100,6 +100,25 @@ def test_nameless_columns_are_what_most_files_take_them_for(tmp_path):
     assert "as in a.txt" in again.channels["displacement"].reason
 
 
+def test_coils_that_are_opposed_in_one_file_are_so_where_noise_hides_it(tmp_path):
+    """At rest the first coil alone was taken for the current, as that of a magnet above the rotor."""
+    rng = np.random.default_rng(7)
+    t = np.arange(2000) / 1000.0
+    for name, size in (("hover", 0.0), ("rest", 0.0), ("sweep", 0.3)):
+        pull = size * np.sin(2 * np.pi * (1 + 4 * t) * t)
+        upper, lower = (1.5 + sign * pull + 1e-3 * rng.normal(size=t.size) for sign in (1, -1))
+        pos = 1e-2 * rng.normal(size=t.size) - 20 * pull
+        np.savez(tmp_path / f"{name}.npz", t=t, pos_um=pos, i_upper_A=upper, i_lower_A=lower)
+    guesses = [guess_recording(tmp_path / f"{name}.npz") for name in ("hover", "rest", "sweep")]
+    assert [g.channels["current"].less for g in guesses] == ["", "", "i_lower_A"]
+    taken = like_most(guesses)
+    assert taken[2] is None
+    for name, columns in zip(("hover", "rest"), taken, strict=False):
+        again = guess_recording(tmp_path / f"{name}.npz", columns=columns)
+        assert again.channels["current"].less == "i_lower_A" and "as in sweep.npz" in again.channels["current"].reason
+        assert again.rotor.value == "supported" and "pair of magnets" in again.rotor.reason
+
+
 def test_a_file_beside_others_in_which_nothing_moves_is_left_out(tmp_path):
     rng = np.random.default_rng(6)
     t = np.arange(500) / 500.0
