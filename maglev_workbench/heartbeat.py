@@ -20,7 +20,8 @@ def heartbeat(command: str) -> Iterator[None]:
     def beat() -> None:
         while not done.wait(EVERY):
             if not (stages and sys.stderr.isatty()):  # there the progress bar is seen
-                doing = f": {stages[-1]()}" if stages else ""
+                stage = stages[-1]() if stages else ""  # none while a bar has nothing under way
+                doing = f": {stage}" if stage else ""
                 said = printable(f"maglev {command}{doing}, {monotonic() - started:.0f} s")
                 print(said, file=sys.stderr, flush=True)
 

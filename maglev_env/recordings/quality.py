@@ -12,6 +12,8 @@ from maglev_env.rig.rig import Rig
 
 GOOD_SNR = 10.0  # amplitude over noise of the mean; one line then gives 10 %
 POOR_SNR = 3.0
+# The fit of a named rig, of which `estimate` tells the band, needs neither.
+_NO_RESPONSE = "no response: needs displacement, and force or current, where one of them is excited"
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,7 @@ def _bands(spectra: RecordSpectra, count: int) -> tuple[BandQuality, ...]:
 def _uses(signals: RecordedSignals, spectra: RecordSpectra) -> dict[str, str]:
     """For each use of the recording, "yes" or what is missing."""
     have, force, injection = signals.channels.keys(), *(spectra.driven[p] for p in ("force", "current"))
-    stiffness = "yes" if force.size and {"force", "displacement"} <= have else "no: needs force and displacement"
+    stiffness = "yes" if force.size and {"force", "displacement"} <= have else _NO_RESPONSE
     if not force.size and {"current", "displacement"} <= have:
         stiffness = "yes, with a known mass, without control: the current stands for the force"
     loop = "yes" if injection.size and {"command", "injection"} <= have else "no: needs an injection and the command"

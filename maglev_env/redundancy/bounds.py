@@ -128,7 +128,7 @@ def rails(view: View) -> list[Finding]:
         unit = unit_of(name)
         text = (
             f"{name}: it is cut off at {' and '.join(f'{level:.4g}' for level, _ in ends)} {unit}, in {share:.2%} of "
-            "the samples are; record with less amplitude, or what acted"
+            "the samples; record with less amplitude, or what acted"
         )
         found.append(Finding("rail", view.recording, name, float(share), None, text, "wiring"))
     return found

@@ -13,7 +13,10 @@ def test_a_long_command_says_what_it_does_and_how_far_it_is(monkeypatch, capsys)
         with progress_bar() as bar:
             bar.advance(bar.add_task("sweep hmb_free", total=8), 3)
             time.sleep(0.12)
+        with progress_bar():
+            time.sleep(0.12)
     said = capsys.readouterr().err.splitlines()
     assert said[0] == "maglev sweep, 0 s" and "maglev sweep: sweep hmb_free 3/8, 0 s" in said
+    assert not any(line.startswith("maglev sweep: ,") for line in said)
     time.sleep(0.12)
     assert not capsys.readouterr().err and not heartbeat.stages
