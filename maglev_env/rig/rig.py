@@ -224,7 +224,7 @@ class Rig:
         kind = KINDS.get(self.magnet)
         rest = abs(self.bias_current or kind.balancing_bias(self)) if kind and kind.balancing_bias else 0.0
         lacks = frozenset(NEEDS) - self.capabilities
-        return Scales(1 / self.control_rate, self.mass, self.bias_current or inf, rest, lacks)
+        return Scales(1 / self.control_rate, self.mass, self.bias_current or rest or inf, rest, lacks)
 
     @cached_property
     def capabilities(self) -> frozenset[Need]:

@@ -73,7 +73,7 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
     if name not in FITTED:
         return ()
     own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if p.is_meant_on(scales))
-    # A zero that is off by more than the bias current would leave one magnet of a pair without any.
+    # A zero that is off by more than the bias current would leave a magnet without any.
     most = ((key, p, scales.bias if p.within_bias else inf) for key, p in own)
     return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, p.sought, end)) for key, p, end in most)
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.judgement.outside_meaning import NO_RESONANCE, meaningless_cost
 from sim2real.search.fitting import begin, differentiate, iterate
@@ -82,3 +83,14 @@ def test_a_zero_of_the_current_that_is_off_by_all_of_the_bias_is_none(share, cos
     u = np.array([c.at(share * RIG.bias_current)])
     (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
     assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
+
+
+def test_the_bias_of_a_single_magnet_is_the_current_that_carries_the_weight():
+    """Its rig need not state it. Beyond it the fit of a controller that nobody stated finds any zero of the current."""
+    ball = Rig("ball", "electromagnet", mass=0.05, gap=8e-3, clearance=8e-3, force_constant=3.6e-5, gap_offset=6e-3)
+    carries = 0.014 * np.sqrt(0.05 * ball.gravity / 3.6e-5)
+    h = Hypothesis(("actuator_offset",), {}, scales=ball.scales)
+    (c,) = h.coordinates
+    assert (c.low, c.high) == pytest.approx((-carries, carries), rel=1e-6)
+    (fit,) = begin([h], [np.array([c.at(-2.59)])], np.zeros(3, complex), lambda p: np.zeros((len(p), 3), complex))
+    assert meaningless_cost(fit, ball, 1e-4, 1.0) == np.inf
