@@ -33,12 +33,14 @@ class Late:
         time: s; negative: it comes before.
         se: Its standard error, s.
         samples: The time in samples.
+        read: The recorded channel where that one is computed from it, "voltage"; empty: it is recorded.
     """
 
     channel: str
     time: float
     se: float
     samples: float
+    read: str = ""
 
     @property
     def effects(self) -> frozenset[str]:
@@ -59,7 +61,7 @@ class Late:
         """A sentence on it."""
         return (
             f"{self.briefly} ({abs(self.samples):.2g} samples; standard error): it counts for none of them; state "
-            f"delay_tolerance of the {self.channel}"
+            f"delay_tolerance of the {self.read or self.channel}"
         )
 
 
@@ -90,5 +92,5 @@ def late_readings(fitted: Problem, fit: Fit) -> Late | None:
                 time = e.delay * amounts[e.name]
                 samples = time * record.windows.sample_rate
                 if abs(time) > CLEAR * se and abs(samples) > LEAST:
-                    found.append(Late(e.channel, time, se, samples))
+                    found.append(Late(e.channel, time, se, samples, e.read))
     return max(found, key=lambda late: abs(late.samples), default=None)

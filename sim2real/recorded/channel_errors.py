@@ -26,6 +26,8 @@ class ChannelError:
         coil: resistance (ohm) and inductance (H) of a coil whose voltage tells this current, by Kirchhoff's law with
             what the motion induces; None: it is measured.
         induced: of that coil, V s/m: the error is this more of induced voltage, by the displacement.
+        read: the recorded channel of which a campaign may state it, where another one is computed from that; empty: the
+            channel itself.
     """
 
     name: str
@@ -37,6 +39,7 @@ class ChannelError:
     order: int = 2
     coil: tuple[float, float] | None = None
     induced: float = 0.0
+    read: str = ""
 
     @property
     def by(self) -> str:

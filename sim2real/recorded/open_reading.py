@@ -52,8 +52,9 @@ OFF_BALANCE = (
     "an offset of the current or of the displacement, the weight, or the force law; the motion does not tell which, "
     "and the means are no evidence before {asked}"
 )
-STATED, RECORDED = (
+STATED, BY_VOLTAGE, RECORDED = (
     "the campaign states offset_tolerance of displacement and current",
+    "the campaign states offset_tolerance of displacement and voltage",
     "the current is recorded, and the campaign states offset_tolerance of displacement and current",
 )
 METERED = 0.01  # relative scale of a current whose campaign states none, as of a meter that nobody calibrated
@@ -114,7 +115,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
             channels[source] = channels[source] + added
             lacks = added if rests is None else None
             if lacks is not None and (said := lacking_in_words(rig, source, lacks)) is not None:
-                asked = STATED if "current" in spec.channels else RECORDED
+                asked = STATED if "current" in spec.channels else RECORDED if by_voltage is None else BY_VOLTAGE
                 notes.append(f"{said}: {OFF_BALANCE.format(asked=asked)}")
         waves = drive.driving(channels, instants).waves
         known = np.concatenate([w[:, :: drive.every] for w in waves.values()])
@@ -160,7 +161,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     )
     if not drive.stand_in or drive.source is None:
         return record
-    stated = _stated(spec, drive.source)
+    read = drive.source if by_voltage is None else "voltage"  # the recorded channel of which something may be stated
+    stated = _stated(spec, read)
     corner = None if drive.held else corner_of_log(record, channels)
     top = np.inf if drive.held else min(TOP * record.windows.sample_rate, WITHIN * (corner or np.inf))
     found, what = along_instruments(record, channels, top), "with the recorded reference, injection or force"
@@ -189,7 +191,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         raise TellsNothing(
             f"{NOTHING_FREE} the current",
             "record the reference, the injection, or the command with the gains of the controller; or state filter and "
-            "delay_tolerance of the current",
+            f"delay_tolerance of the {read}",
         )
     return record
 
@@ -254,11 +256,13 @@ def _untold(spec: RecordingSpec, drive: Drive, exact: bool, by_voltage: CurrentB
         return []
     step, found = drive.multiple / spec.sample_rate, []
     names = suffixes(drive.experiment.rig.axes)
-    for axis, driving in enumerate(drive.source + letter for letter in names):
-        stated = spec.channels.get(driving if by_voltage is None else driving.replace("current", "voltage"))
+    read = drive.source if by_voltage is None else "voltage"
+    for axis, letter in enumerate(names):
+        driving, stated = drive.source + letter, spec.channels.get(read + letter)
         if stated is None or stated.delay_tolerance is None:
             late = (UNTOLD_ALONG if exact else UNTOLD) * step
-            found.append(ChannelError(f"time between {driving} and displacement", drive.source, axis, delay=late))
+            name = f"time between {driving} and displacement"
+            found.append(ChannelError(name, drive.source, axis, delay=late, read=read))
         if by_voltage is not None:
             found += by_voltage.errors[axis]
         elif drive.source == "current" and not (stated and stated.scale_tolerance):

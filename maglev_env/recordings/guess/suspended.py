@@ -117,6 +117,8 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
         return guess
     read, moved = contents(read_columns(folder / guess.file)).columns, guess.channels["displacement"]
     used = slice(guess.part[0], guess.part[0] + guess.part[1]) if guess.part else slice(None)
+    coil = rig.coil_resistance > 0 and rig.coil_inductance is not None  # a voltage then tells the current
+    asked = ("displacement", "current", *(("voltage",) if coil else ()))
     near = abs(float(replace(moved, offset=0.0).values(read)[used].mean()) + rig.gap) < rig.clearance
 
     def told(column: ColumnGuess) -> ColumnGuess:
@@ -124,7 +126,7 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
             column = _answered(replace(column, total=True), TOTAL, "it includes the current that carries the weight")
         elif AT_THE_GAP in column.ask and near and not column.offset:
             column = _answered(replace(column, offset=rig.gap), AT_THE_GAP, "0 is at the gap of the rig")
-        return _asking(column, KNOWN_ZERO) if column.channel in ("displacement", "current") else column
+        return _asking(column, KNOWN_ZERO) if column.channel in asked else column
 
     rotor = replace(guess.rotor, value="suspended", confidence=STATED, reason="the rig has one magnet", ask="")
     return replace(guess, columns=tuple(told(c) for c in guess.columns), rotor=rotor)

@@ -21,6 +21,7 @@ from maglev_env.recordings.campaign import RecordingSpec
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.at_rest.levels import Levels, joined, levels_of
 from sim2real.recorded.at_rest.weight_law import balanced, departures, fitted
+from sim2real.recorded.current_by_voltage import RESISTANCE, told_by_voltage
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,20 +92,25 @@ def can_rest(rig: Rig) -> bool:
 
 def rests_of(rig: Rig, spec: RecordingSpec, dataset: "xr.Dataset") -> Rests | None:
     """What a recording's means say; None unless the magnet carries the weight, and the campaign states the standard
-    uncertainty of the offsets of both displacement and current."""
-    shown = [spec.channels.get(name) for name in ("displacement", "current")]
+    uncertainty of the offsets of both displacement and current, or of the voltage that tells the current."""
+    told, per = ("voltage", rig.coil_resistance) if told_by_voltage(rig, spec.channels) else ("current", 1.0)
+    shown = [spec.channels.get(name) for name in ("displacement", told)]
     if not can_rest(rig) or any(source is None or source.offset_tolerance is None for source in shown):
         return None
-    displacement, current = shown
+    displacement, driving = shown
+    unsure = 0.0 if told == "current" else rig.tolerance.get("coil_resistance", RESISTANCE)
     tolerances = Tolerances(
         displacement.offset_tolerance,
-        current.offset_tolerance,
+        driving.offset_tolerance / per,
         displacement.scale_tolerance,
-        current.scale_tolerance,
-        *(np.nan if source.offset_drift is None else source.offset_drift for source in (displacement, current)),
+        float(np.hypot(driving.scale_tolerance, unsure)),
+        np.nan if displacement.offset_drift is None else displacement.offset_drift,
+        np.nan if driving.offset_drift is None else driving.offset_drift / per,
     )
     falls = rig.gravity / spec.sample_rate**2
-    return Rests(levels_of(dataset["displacement"].values, dataset["current"].values, rig.gap, falls), tolerances)
+    # Where the mass rests in the mean, neither the inductance nor the motion takes any of the mean voltage.
+    current = dataset[told].values / per
+    return Rests(levels_of(dataset["displacement"].values, current, rig.gap, falls), tolerances)
 
 
 def static_of(rig: Rig, rests: Sequence[Rests | None]) -> StaticEstimate | None:

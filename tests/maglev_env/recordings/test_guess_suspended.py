@@ -76,7 +76,9 @@ def test_a_named_rig_tells_the_bias_of_the_current_and_the_gap_at_rest(tmp_path)
     volts = replace(
         found, columns=tuple(replace(c, channel=c.channel.replace("current", "voltage")) for c in found.columns)
     )
-    assert below_the_magnet(volts, rig, tmp_path).channels["voltage"].total
+    for coil, known in ((rig, False), (replace(rig, coil_resistance=4.0, coil_inductance=0.02), True)):
+        told = below_the_magnet(volts, coil, tmp_path).channels["voltage"]
+        assert told.total and ("offset_tolerance" in told.ask) == known
     pair = replace(rig, magnet="electromagnet_pair", turns=100, pole_area=1e-4)
     assert below_the_magnet(found, pair, tmp_path) is found
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.judgement.untold_time import late_readings
+from sim2real.judgement.untold_time import Late, late_readings
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord
@@ -53,3 +53,7 @@ def test_what_a_fitted_parameter_may_make_is_not_clear():
 def test_a_time_within_what_is_stated_is_not_said():
     p = problem(np.full(400, 3.0 + 0j), "delay of current")
     assert late_readings(p, fit(p, np.full(400, 1.5 + 0j))) is None
+
+
+def test_a_time_is_asked_of_the_channel_that_is_recorded():
+    assert "delay_tolerance of the voltage" in Late("current", 1e-3, 1e-5, 0.5, "voltage").in_words()

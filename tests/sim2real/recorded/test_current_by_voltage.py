@@ -10,9 +10,14 @@ from scipy.integrate import solve_ivp
 
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
+from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.left_out import TellsNothing
+from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
+from sim2real.recorded.at_rest.static_evidence import rests_of
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.current_by_voltage import current_by_voltage
+from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 
@@ -95,3 +100,50 @@ def test_a_measured_voltage_drives_whatever_else_is_stated(tmp_path, controller,
     assert any("straight lines between samples" in note for note in record.notes)  # a converter holds the voltage alone
     delays = [e for e in record.errors if e.delay]
     assert [(e.name, e.channel, e.delay) for e in delays] == [("delay of voltage", "current", 2e-5)]
+
+
+def hovering(tmp_path, stated: str = "", shown: str = "voltage"):
+    """A campaign of a ball at three levels whose voltage alone is recorded; `stated` goes into that channel."""
+    text = BALL.replace("[gains]", "coil_resistance = 4.0\ncoil_inductance = 4e-3\n[gains]", 1)
+    run = ball_bench.record(rig_from_toml(text, "ball"), 3.0, 3, reference=np.repeat([0.0, 4e-4, -4e-4], 1000))
+    runs = {"one": {**run, "voltage": 4.0 * run["current"] + 4e-3 * np.gradient(run["current"], 1e-3)}}
+    folder = ball_bench.write_campaign(tmp_path, text, "", runs, ("displacement", shown))
+    path = folder / "campaign.toml"
+    toml = path.read_text().replace("controller = \n", "")
+    toml = toml.replace(f'from = "{shown}"', f'from = "{shown}"{stated}')
+    path.write_text(toml.replace('from = "displacement"', 'from = "displacement", offset_tolerance = 1e-5'))
+    return load_campaign(folder)
+
+
+def test_a_mean_voltage_tells_what_carries_the_weight(tmp_path):
+    """Its offset and drift are stated in volts, and its scale is no surer than the resistance."""
+    found = []
+    for shown, stated in (
+        ("voltage", ", offset_tolerance = 0.02, offset_drift = 0.04, scale_tolerance = 0.03"),
+        ("current", ", offset_tolerance = 0.005, offset_drift = 0.01, scale_tolerance = 0.05"),
+    ):
+        folder = tmp_path / shown
+        folder.mkdir()
+        campaign = hovering(folder, stated, shown)
+        (spec,) = campaign.recordings
+        found.append(rests_of(campaign.rig, spec, read_recording(campaign, spec)))
+    by_voltage, measured = found
+    for name in ("displacement_offset", "current_offset", "displacement_scale", "current_scale", "current_drift"):
+        assert getattr(by_voltage.tolerances, name) == pytest.approx(getattr(measured.tolerances, name)), name
+    assert by_voltage.levels.count == measured.levels.count > 10
+    np.testing.assert_allclose(by_voltage.levels.current, measured.levels.current, atol=5e-3)
+    without = hovering(tmp_path)
+    assert rests_of(without.rig, without.recordings[0], read_recording(without, without.recordings[0])) is None
+
+
+@pytest.mark.parametrize(("stated", "untold"), [("", 1), (", delay_tolerance = 2e-5", 0)])
+def test_the_time_of_a_voltage_is_asked_of_the_voltage(tmp_path, stated, untold):
+    """No channel current is there of which it could be stated; nothing else drives such a recording, so that its
+    voltage is believed only where its time is stated."""
+    campaign = hovering(tmp_path, stated)
+    if untold:
+        with pytest.raises(TellsNothing, match="delay_tolerance of the voltage"):
+            open_record(campaign, campaign.recordings[0], read_recording(campaign, campaign.recordings[0]))
+    else:
+        record = open_record(campaign, campaign.recordings[0], read_recording(campaign, campaign.recordings[0]))
+        assert [e.name for e in record.errors if e.delay] == ["delay of voltage"]
