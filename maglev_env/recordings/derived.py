@@ -1,13 +1,18 @@
 """Channels that stand in for missing ones: an acceleration for the displacement, a coil's voltage for its current."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import scipy
 
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.rig import Rig, axis_rig
+
 SLOWEST = 4.0  # periods in a record: slower motion than this cannot be told from the drift of an accelerometer
 # Bands of lines, share of them that are taken for noise alone, and times its power from which one stands out.
 BANDS, QUIET, CLEAR = 60, 0.1, 10.0
+ALIKE = 0.1  # of L / R: an amplifier whose time constant is within that is the coil itself under a voltage
 START = 5.0  # time constants of a coil whose voltage tells what flowed at the start
 
 
@@ -78,3 +83,30 @@ def coil_current(voltage: np.ndarray, rate: float, resistance: float, inductance
     first = np.median(steady[: max(1, round(START * inductance / resistance * rate))])
     before = np.concatenate([[first], steady[:-1]])
     return scipy.signal.lfilter([1 - decay], [1.0, -decay], before, zi=[decay * first])[0]
+
+
+def induced_left_out(rig: Rig | None, channels: Collection[str]) -> list[str]:
+    """A note where a command is a voltage over the coil's resistance, by the rig, and no current shows what is induced.
+
+    The amplifier that such a rig states is the coil under that voltage. What a moving rotor induces in the coil is in
+    neither of them, and looks like damping.
+
+    Args:
+        rig: Of the campaign; None: it names none.
+        channels: Names of what is recorded.
+    """
+    kinds = {name.partition("_")[0] for name in channels}
+    if rig is None or not rig.controlled or "command" not in kinds or "current" in kinds:
+        return []
+    own = axis_rig(rig, 0)
+    # Of the coil's time constant: how far that of the amplifier is from it.
+    apart = own.amplifier_time_constant * own.coil_resistance / (own.coil_inductance or np.inf) - 1
+    if abs(apart) > ALIKE:
+        return []
+    damping = linearise(force_law(own))[0] ** 2 / own.coil_resistance
+    return [
+        "the command is taken as a voltage over coil_resistance, because amplifier_time_constant is that of the coil "
+        "(coil_inductance / coil_resistance): what the motion of the rotor induces in the coil is left out, and looks "
+        f"like up to {damping:.2g} N s/m of damping (actuator gain squared / coil_resistance) and another stiffness; "
+        "where this voltage was measured, name the channel voltage instead of command, which takes it into account"
+    ]

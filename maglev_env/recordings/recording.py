@@ -19,7 +19,7 @@ from maglev_env.recordings.alarms.clock import clock_alarms
 from maglev_env.recordings.alarms.rail import touched_rail
 from maglev_env.recordings.alarms.rules import find_alarms
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
-from maglev_env.recordings.derived import displacements
+from maglev_env.recordings.derived import displacements, induced_left_out
 from maglev_env.recordings.excited import check_excited
 from maglev_env.recordings.files import Columns
 from maglev_env.recordings.formats.time_stamps import Clock, check_clock
@@ -127,7 +127,9 @@ def read_recording(
     alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
     dataset.attrs["resampled"] = clock.instants is not None
-    dataset.attrs["notes"] = [*columns.notes, *clock.notes, *stood_in]
+    dataset.attrs["notes"] = [
+        *columns.notes, *clock.notes, *stood_in, *induced_left_out(campaign.rig, spec.channels)
+    ]  # fmt: skip
     dataset.attrs["alarms"] = alarms_text(alarms)
     if masked.any() and masked.mean() <= MOST_MASKED:
         dataset = dataset.assign_coords(masked=("time", masked))

@@ -1,13 +1,16 @@
 """Channels that stand in for missing ones, against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.recordings.campaign import load_campaign
-from maglev_env.recordings.derived import coil_current, displacements, integrated_twice
+from maglev_env.recordings.derived import coil_current, displacements, induced_left_out, integrated_twice
 from maglev_env.recordings.recording import read_recording
+from maglev_env.rig.rig import Rig
 
 RATE = 2000.0
 T = np.arange(4000) / RATE
@@ -78,3 +81,28 @@ current = {{ from = "i" }}
     dataset = read_recording(loaded, loaded.recordings[0], alarmed=True)
     assert np.ptp(dataset["displacement"].values) > 2 * loaded.rig.clearance
     assert not [a for a in alarms_of(dataset) if a.code == "lost levitation"]
+
+
+COIL = Rig(
+    "disc", "electromagnet", mass=0.05, gap=8e-3, clearance=8e-3, force_constant=3.6e-5, gap_offset=6e-3,
+    coil_resistance=3.2, coil_inductance=0.0451, amplifier_gain=1 / 3.2, amplifier_time_constant=14.1e-3,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("rig", "channels", "said"),
+    [
+        (COIL, ("displacement", "command"), True),
+        (COIL, ("displacement", "command", "current"), False),  # the current shows what was induced
+        (COIL, ("displacement", "voltage"), False),
+        (replace(COIL, amplifier_time_constant=1e-3), ("displacement", "command"), False),  # its current is controlled
+        (replace(COIL, coil_inductance=None), ("displacement", "command"), False),
+        (None, ("displacement", "command"), False),
+    ],
+)
+def test_a_command_that_is_a_voltage_lacks_what_the_motion_induces(rig, channels, said):
+    found = induced_left_out(rig, channels)
+    assert bool(found) == said
+    if said:  # k_i^2 / R with k_i = 2 m g / i_0
+        gain = 2 * 0.05 * rig.gravity / (0.014 * np.sqrt(0.05 * rig.gravity / 3.6e-5))
+        assert f"{gain**2 / 3.2:.2g} N s/m" in found[0] and "name the channel voltage" in found[0]
