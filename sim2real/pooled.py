@@ -297,9 +297,9 @@ def _disagreements(name: str, own: Sequence[Coefficient], whole: Sequence[Coeffi
     found, of_all = {}, {c.name: c for c in whole}
     for a in own:
         b = of_all[a.name]
-        # The whole contains the recording, so their difference varies by what the others add. Where a misfit leaves the
-        # whole less sure than the recording, the one says nothing of the error of the other.
-        of_both = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2)) if b.se < a.se else np.hypot(a.se, b.se)
+        # The whole contains the recording, so their difference varies by what the others add, at most as the recording
+        # does alone. Only a misfit leaves the whole less sure than that, and the misfit may be this disagreement.
+        of_both = np.sqrt(max(a.se**2 - b.se**2, 0.25 * a.se**2)) if b.se < a.se else a.se
         apart = abs(a.value - b.value)
         if a.identified and b.identified and of_both > 0 and apart > limit * of_both:
             # The error of the whole is in the table, widened by just these disagreements.

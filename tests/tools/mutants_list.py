@@ -178,7 +178,12 @@ MUTANTS = (
     Mutant(
         "gain-uncertainty-inertia",
         "An uncertain actuator gain widens the stiffness as if the inertia did not count (known to have survived).",
-        (("share * abs(band.stiffness - mass * w**2)", "share * abs(band.stiffness)"),),
+        (
+            (
+                "_widened(band, share * (band.stiffness - mass * w**2), share",
+                "_widened(band, share * band.stiffness, share",
+            ),
+        ),
         ("test_identify.py",),
     ),
     Mutant(
