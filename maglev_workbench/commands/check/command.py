@@ -105,7 +105,7 @@ def check(
         console.print(f"  note: {note}", soft_wrap=True)
     from maglev_workbench.record_page import record_page  # here because it takes long to import
 
-    html = record_page(f"Check of {loaded.folder.name}", datasets, answer, uses_sections(used))
+    html = record_page(f"Check of {loaded.folder.resolve().name}", datasets, answer, uses_sections(used))
     write_page(page, html, [json_file])
     console.print(f"page  {page}")
     write_json(

@@ -137,3 +137,12 @@ def test_what_is_the_same_of_several_recordings_or_commands_is_said_once():
         ("margins, diagnose, tune", "all", "no"),
     ]
     assert said_once([("a", "x"), ("b", "x"), ("a", "y")], 2) == ["x", "a: y"]
+
+
+def test_a_page_of_the_folder_that_one_is_in_has_its_name(tmp_path, monkeypatch):
+    folder = tmp_path / "bench"
+    folder.mkdir()
+    write_campaign(folder, Bench(), {"chirp": "fit"}, 0.5, 0)
+    monkeypatch.chdir(folder)
+    maglev("check", ".")
+    assert "<h1>Check of bench</h1>" in (folder / "check.html").read_text()
