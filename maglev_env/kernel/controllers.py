@@ -58,7 +58,7 @@ def filter_rows(controller: LinearController, s: Structure) -> np.ndarray:
 
 
 def with_controllers(rows: np.ndarray, s: Structure, controllers: Controllers, experiment: Experiment) -> np.ndarray:
-    """A copy of the rows of lanes with other controllers of the same `controller_kind`, for lanes without substeps.
+    """A copy of the rows of lanes with other controllers of the same `controller_kind`.
 
     Args:
         rows: of a `LaneBatch`, shape (rows, lanes); not changed.

@@ -13,8 +13,9 @@ MOST_TURN = 0.1  # rad on the rotor's own stiffness; the error of a step is then
 # A step of an effect is as long as this share of its time constant at most, and of a radian of its swing. Friction is
 # then right within 3e-4; a stop, which begins at once, needs more.
 FRICTION_STEP, SPRING_STEP = 0.5, 0.25
-# No effect makes the steps shorter than those of a loop at this rate (Hz), which is never divided. What is faster is
-# held back as of such a loop: see `mechanics.fill` and `springs.fill`.
+# No effect asks for more steps than bring them to those of a loop at this rate (Hz), which is never divided; they are
+# then at least half as long as its own. What is faster is held back as of such a loop: see `mechanics.fill` and
+# `springs.fill`.
 FAST = 5000.0
 FAST_EFFECTS = frozenset({"friction", *springs.EFFECTS})
 

@@ -16,6 +16,7 @@ from maglev_env.kernel.replay import replayed
 from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.expected import expected_statistics
 from maglev_env.loop.effect import effect
+from maglev_env.loop.filtered_pid import FilteredPid, LowPass
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import PRESETS, load_rig
@@ -78,6 +79,28 @@ def test_a_fast_rig_takes_one_step_and_a_slow_one_as_many_as_a_fast_one_has(pres
     assert steps_on_effects(e) == 1
     assert steps_on_effects(pushed(0.1, {})) == 1 and steps_on_effects(pushed(0.1, effect("friction", 1e-4))) == 1
     assert steps_on_effects(pushed(0.1, effect("soft_stop", 2e-4, stiffness=1e12))) == FAST / BALL.control_rate
+
+
+@pytest.mark.parametrize("rate, steps", [(200.0, 25), (1998.0, 3), (3000.0, 2), (4998.0, 2), (5000.0, 1)])
+def test_no_more_steps_are_taken_than_bring_them_to_those_of_a_fast_rig(rate, steps):
+    e = replace(pushed(0.1, effect("soft_stop", 2e-4, stiffness=1e12)), rig=replace(STAND, control_rate=rate))
+    assert steps_on_effects(e) == steps
+    assert 1 <= steps * rate / FAST < 2
+
+
+def test_replay_with_other_gains_is_the_simulation_with_them_where_steps_are_fine():
+    rig = replace(BALL, control_rate=1000.0)
+    e = pushed(2e-4, STICKY | effect("delay", 7e-4), 0, rig)
+    gains = (plain := default_gains(rig), replace(plain, kp=1.15 * plain.kp, td=1.2 * plain.td))
+    filtered = [FilteredPid(g.kp, 0.0, g.kd, low_pass=LowPass(480.0)) for g in gains]
+    for before, after in (gains, filtered):
+        lanes, own = prepared([replace(e, gains=before)]), replace(e, gains=after)
+        assert lanes[0].substeps > 1
+        waves = {place: np.atleast_2d(own.waveform(place)) for place in ("force", "current", "reference")}
+        found = replayed(lanes, [Drive(own, waves)], threads=1)[0][0]
+        expected = simulate_records([own], substeps=lanes[0].substeps, threads=1)[0]
+        n = found.shape[-1]
+        np.testing.assert_array_equal(found[0, 0], expected[0, :n])
 
 
 def test_lanes_of_different_steps_run_beside_one_another_as_alone():
