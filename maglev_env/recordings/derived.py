@@ -85,6 +85,11 @@ def coil_current(voltage: np.ndarray, rate: float, resistance: float, inductance
     return scipy.signal.lfilter([1 - decay], [1.0, -decay], before, zi=[decay * first])[0]
 
 
+def tells_current(rig: Rig) -> bool:
+    """Whether a rig knows its coil so well that the voltage there tells the current."""
+    return rig.controlled and rig.coil_resistance > 0 and rig.coil_inductance is not None
+
+
 def induced_left_out(rig: Rig | None, channels: Collection[str]) -> list[str]:
     """A note where a command is a voltage over the coil's resistance, by the rig, and no current shows what is induced.
 

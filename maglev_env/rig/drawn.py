@@ -14,6 +14,11 @@ from maglev_env.rig.rig import Rig, axis_rig, with_parameters
 TANGENT = ("actuator_gain", "negative_stiffness")
 
 
+def tangent(rig: Rig) -> dict[str, float]:
+    """The values of TANGENT (N/A and N/m) of a rig with magnets, stated or given by its geometry."""
+    return dict(zip(TANGENT, linearise(force_law(rig)), strict=True))
+
+
 def tolerance_factors(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
     """Random log-normal factors by parameter; the rig's [tolerance] is the standard deviation of the logarithm."""
     return {name: float(np.exp(rng.normal(0.0, sigma))) for name, sigma in rig.tolerance.items()}
@@ -57,8 +62,7 @@ def _with_tangent(rig: Rig, factors: Mapping[str, float]) -> Rig:
         return rig
 
     def given(one: Rig) -> dict[str, float]:
-        by_geometry = dict(zip(TANGENT, linearise(force_law(one)), strict=True))
-        free = {name: by_geometry[name] for name in factors if getattr(one, name) is None}
+        free = {name: value for name, value in tangent(one).items() if name in factors and getattr(one, name) is None}
         return {n: v * factors[n] for n, v in free.items() if n == "actuator_gain" or v < 0}  # may be stated at all
 
     if not rig.per_axis:

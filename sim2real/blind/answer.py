@@ -77,8 +77,8 @@ def answer_all(
     """Answer every campaign of the sealed set in `folder`; each answer is written as a whole file.
 
     Answers by this version of the code to this set are kept; others are given again, and state the versions of those
-    that they replace. A diagnosis that fails, or that
-    ends its process, is kept as an error and counts as a wrong answer.
+    that they replace. A diagnosis that fails, or that ends its process, is kept as an error and counts as a wrong
+    answer.
 
     Args:
         folder: The sealed set.

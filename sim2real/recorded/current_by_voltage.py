@@ -13,7 +13,7 @@ import numpy as np
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
-from maglev_env.recordings.derived import coil_current
+from maglev_env.recordings.derived import coil_current, tells_current
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError
 
@@ -39,8 +39,7 @@ class CurrentByVoltage:
 
 def told_by_voltage(rig: Rig, channels: Collection[str]) -> bool:
     """Whether only the voltage of these channels tells a current, and the rig knows the coil."""
-    known = rig.controlled and rig.coil_resistance > 0 and rig.coil_inductance is not None
-    return known and "voltage" in channels and not {"current", "command"} & {*channels}
+    return tells_current(rig) and "voltage" in channels and not {"current", "command"} & {*channels}
 
 
 def current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float) -> CurrentByVoltage | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from maglev_env.channels import EFFORTS
 from maglev_env.recordings.contents import contents
+from maglev_env.recordings.derived import tells_current
 from maglev_env.recordings.files import read_columns
 from maglev_env.recordings.guess.behaviour import correlation
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, with_scale
@@ -117,8 +118,7 @@ def below_the_magnet(guess: RecordingGuess, rig: Rig, folder: Path) -> Recording
         return guess
     read, moved = contents(read_columns(folder / guess.file)).columns, guess.channels["displacement"]
     used = slice(guess.part[0], guess.part[0] + guess.part[1]) if guess.part else slice(None)
-    coil = rig.coil_resistance > 0 and rig.coil_inductance is not None  # a voltage then tells the current
-    asked = ("displacement", "current", *(("voltage",) if coil else ()))
+    asked = ("displacement", "current", *(("voltage",) if tells_current(rig) else ()))
     near = abs(float(replace(moved, offset=0.0).values(read)[used].mean()) + rig.gap) < rig.clearance
 
     def told(column: ColumnGuess) -> ColumnGuess:

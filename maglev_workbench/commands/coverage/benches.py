@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.loop.effect import Effects
 from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise
+from maglev_env.rig.drawn import tangent
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import RIG_FOLDER, rig_from_toml
 
@@ -102,10 +102,7 @@ def real(nominal: Rig, rng: np.random.Generator) -> Real:
     delay = rng.uniform() / nominal.control_rate
     scaled = ("mass", "support_stiffness", "amplifier_time_constant")
     parameters = {name: getattr(nominal, name) * (1 + off[name]) for name in scaled if name in off}
-    gain, stiffness = (
-        value * (1 + off[name])
-        for name, value in zip(("actuator_gain", "negative_stiffness"), linearise(force_law(nominal)), strict=True)
-    )
+    gain, stiffness = (value * (1 + off[name]) for name, value in tangent(nominal).items())
     if nominal.magnet == "electromagnet":
         weight = parameters["mass"] * nominal.gravity
         gap = -2 * weight / stiffness

@@ -9,9 +9,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import EFFECTS, effect, effect_value
-from maglev_env.loop.magnets.kinds import force_law
-from maglev_env.loop.magnets.law import linearise
-from maglev_env.rig.drawn import TANGENT, scaled_rig
+from maglev_env.rig.drawn import TANGENT, scaled_rig, tangent
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.task.episodes import log_spread, wide_factors
 
@@ -93,10 +91,6 @@ def fitted_rig(nominal: Rig, names: Sequence[str], theta: np.ndarray) -> Rig:
 
 def _by_tangent(rig: Rig) -> Rig:
     """A rig whose magnets are given by their tangent, those of an axis with values of its own by their own one."""
-
-    def tangent(own: Rig) -> dict[str, float]:
-        return dict(zip(("actuator_gain", "negative_stiffness"), linearise(force_law(own)), strict=True))
-
     found = with_parameters(rig, tangent(rig))
     own = {name: {**values, **tangent(rig.by_axis[AXES.index(name)])} for name, values in rig.per_axis.items()}
     return replace(found, per_axis=own)
