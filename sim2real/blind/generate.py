@@ -1,8 +1,8 @@
 """Sealed sets of campaigns: a plan of cases, each drawn and sized separately, and the labels in a separate file."""
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from math import isnan
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from sim2real.blind.excitation import FUNDAMENTAL, draw_drive, draw_grid
 from sim2real.blind.forms import Forms
 from sim2real.blind.menu import EFFECTS, KINDS, SPINNING, UNKNOWN, known_on
 from sim2real.blind.rigs import PID, RIGS
-from sim2real.blind.sealing import sealed
+from sim2real.blind.sealing import sealed, unfinished
 from sim2real.blind.sizing import Sized, sized
 from sim2real.blind.threshold import Detector
 from sim2real.blind.twin import LoopFailed, Truth, simulate
@@ -162,6 +162,7 @@ def _identity(number: int) -> str:
 
 def _produce(case: Case, folder: Path, seed: int, forms: Forms) -> dict:
     recordings, label = make(case, seed, forms)
+    shutil.rmtree(folder / label["id"], ignore_errors=True)  # of an interrupted run
     write_campaign(folder / label["id"], RIGS[case.rig], case.channels, recordings)
     return label
 
@@ -173,10 +174,11 @@ def generate(
     processes: int = 1,
     forms: Forms = "sealed",
     labels: str | Path | None = None,
+    advance: Callable[[], object] = lambda: None,
 ) -> str:
     """Write campaigns into a new folder and their labels beside it.
 
-    The same seed gives the same bytes for any number of processes.
+    The same seed gives the same bytes for any number of processes; what was interrupted goes on where it was.
 
     Args:
         folder: New or empty folder.
@@ -186,12 +188,13 @@ def generate(
         forms: Which forms realise the effects.
         labels: File of the labels; by default FOLDER-labels.json, outside the folder, so that nobody who diagnoses the
             folder sees them.
+        advance: Called after each campaign.
 
     Returns:
         SHA-256 of the label file.
 
     Raises:
-        ValueError: The folder is not empty, the labels exist, or a value does not fit.
+        ValueError: The folder is not empty, the labels exist, a value does not fit, or another set was begun there.
     """
     folder = Path(folder)
     labels = folder.with_name(f"{folder.name}-labels.json") if labels is None else Path(labels)
@@ -199,8 +202,8 @@ def generate(
         raise ValueError(f"count = {count} and processes = {processes} must be at least 1")
     if forms not in ("sealed", "development"):
         raise ValueError(f'forms = {forms!r}; use "sealed" or "development"')
-    if folder.exists() and any(folder.iterdir()):
+    if folder.exists() and any(folder.iterdir()) and not unfinished(labels).exists():
         raise ValueError(f"{folder} is not empty; name a new folder")
     if labels.exists():
         raise ValueError(f"{labels} exists; move it away or name another file")
-    return sealed(partial(_produce, folder=folder, seed=seed, forms=forms), plan(count, seed), processes, labels)
+    return sealed(_produce, plan(count, seed), processes, labels, advance, folder=folder, seed=seed, forms=forms)

@@ -15,12 +15,13 @@ from sim2real.blind.answer import Answered, Diagnose, answer_all, diagnose
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
 
 SET = "set.json"  # says how the set was made; it contains no labels
+BEGUN = "begun.json"  # the same, of a set that is not complete yet
 
 
 def generate(
     out: Path, count: int, seed: int, processes: int | None, benchmark: bool = False, oracle: bool = True
 ) -> dict:
-    """Make a sealed set: campaigns, labels, their seal, and a description of how it was made.
+    """Make a sealed set: campaigns, labels, their seal, and a description of how it was made; goes on where it was.
 
     Args:
         out: an empty folder, or one that does not exist yet.
@@ -34,7 +35,7 @@ def generate(
         The description, as in set.json.
 
     Raises:
-        ValueError: The folder is not empty.
+        ValueError: The folder is not empty, or another set was begun there.
         BlockingIOError: Another process works there.
     """
     # Here because they take long to import.
@@ -43,21 +44,30 @@ def generate(
 
     require_folder(out)
     with locked(out):
-        if not is_empty(out):
-            raise ValueError(f"{out} is not empty; choose another --out or delete it")
-        with progress_bar() as bar:
-            bar.add_task(f"generate {count} campaigns", total=None)
-            workers = processes or cores()
-            places = {"folder": out / CAMPAIGNS, "labels": out / LABELS}
-            if benchmark:
-                seal = benchmark_generator.generate(count=count, seed=seed, processes=workers, oracle=oracle, **places)
-            else:
-                seal = generator.generate(count=count, seed=seed, processes=workers, **places)
-        console.print(f"SHA-256 of the labels\n{seal}")
-        write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
         data = {"schema": "maglev-blind-set/1", "count": count, "seed": seed, "benchmark": benchmark}
         data |= {"version": code_version(DIAGNOSING, blind=True)}  # the generator is part of it
+        if not (out / BEGUN).is_file():
+            if not is_empty(out):
+                raise ValueError(f"{out} is not empty; choose another --out or delete it")
+            write_json(out / BEGUN, {**data, "oracle": oracle})
+        elif json.loads((out / BEGUN).read_text()) != {**data, "oracle": oracle}:
+            raise ValueError(f"{out}: another set, or one by another version of the code, was begun there; delete it")
+        with progress_bar() as bar:
+            task = bar.add_task("generate", total=count)
+            common = {"folder": out / CAMPAIGNS, "labels": out / LABELS, "count": count, "seed": seed}
+            common |= {"processes": processes or cores(), "advance": partial(bar.advance, task)}
+            try:
+                if benchmark:
+                    seal = benchmark_generator.generate(oracle=oracle, **common)
+                else:
+                    seal = generator.generate(**common)
+            except KeyboardInterrupt:
+                console.print(f"stopped; finished campaigns are in {out}: run the same command again to continue")
+                raise
+        console.print(f"SHA-256 of the labels\n{seal}")
+        write_text_atomic(out / SEAL, f"{seal}  {LABELS}\n")
         write_json(out / SET, data)
+        (out / BEGUN).unlink()
     return {**data, "labels_sha256": seal}
 
 

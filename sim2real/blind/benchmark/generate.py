@@ -1,8 +1,8 @@
 """Sealed sets of the benchmark: a plan of cases, each drawn and sized alone, and the labels in a separate file."""
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from math import pi
 from pathlib import Path
 
@@ -183,12 +183,23 @@ def _produce(case: Case, folder: Path, seed: int, oracle: bool) -> dict:
         stored = case.channels == "displacement" or r.drive.shape in ("multisine", "steps") or rng.random() < 0.5
         recorded.append((r, stored, simulate(disturbed(made), r, noise, drops)))
     found = label(made, seed, oracle)
+    shutil.rmtree(folder / found["id"], ignore_errors=True)  # of an interrupted run
     write_campaign(folder / found["id"], made.truth.rig, case.channels, recorded)
     return found
 
 
-def generate(folder: Path, count: int, seed: int, processes: int, labels: Path, oracle: bool = True) -> str:
+def generate(
+    folder: Path,
+    count: int,
+    seed: int,
+    processes: int,
+    labels: Path,
+    oracle: bool = True,
+    advance: Callable[[], object] = lambda: None,
+) -> str:
     """Write campaigns into a new folder and their labels into a file; the same seed gives the same bytes.
+
+    What was interrupted goes on where it was.
 
     Args:
         folder: New or empty folder.
@@ -197,8 +208,13 @@ def generate(folder: Path, count: int, seed: int, processes: int, labels: Path, 
         processes: Number of processes; results do not change.
         labels: File of the labels.
         oracle: Whether what no method could tell is found, which takes most of the time.
+        advance: Called after each campaign.
 
     Returns:
         SHA-256 of the label file.
+
+    Raises:
+        ValueError: A set of other cases was begun there.
     """
-    return sealed(partial(_produce, folder=folder, seed=seed, oracle=oracle), plan(count, seed), processes, labels)
+    cases = plan(count, seed)
+    return sealed(_produce, cases, processes, labels, advance, folder=folder, seed=seed, oracle=oracle)

@@ -36,7 +36,7 @@ class Said:
         }
 
 
-def made_by_hand(folder, count, seed, processes=1, labels=None):
+def made_by_hand(folder, count, seed, processes=1, labels=None, advance=None):
     """What the generator would write, without a single sample: six campaigns below 10 times the threshold."""
     rows = []
     for i, (kind, effects) in enumerate(zip(KINDS, EFFECTS, strict=True)):
@@ -152,3 +152,21 @@ def test_the_generators_labels_are_read(tmp_path, monkeypatch):
     found = data["cases"][0]
     assert (found["kind"], found["effects"], found["right_class"]) == ("single", ["runout"], False)
     assert 19.9 < found["size"] < 21.1 and data["regret"][0]["best"] > 0
+
+
+def test_a_set_that_was_begun_goes_on_and_is_not_mixed_with_another(tmp_path, by_hand, monkeypatch):
+    whole = generator.generate
+
+    def interrupted(**values):
+        values["folder"].mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(generator, "generate", interrupted)
+    out = tmp_path / "set"
+    said = maglev("blind", "generate", "--count", 6, "--seed", 3, "--out", out, code=130)
+    assert "run the same command again to continue" in said
+    said = maglev("blind", "generate", "--count", 6, "--seed", 4, "--out", out, code=2)
+    assert "another set" in said
+    monkeypatch.setattr(generator, "generate", lambda **values: (values["folder"].rmdir(), whole(**values))[1])
+    maglev("blind", "generate", "--count", 6, "--seed", 3, "--out", out)
+    assert (out / "set.json").is_file() and not (out / "begun.json").exists()

@@ -38,7 +38,7 @@ class Said:
         }
 
 
-def made_by_hand(folder, count, seed, processes, labels, oracle):
+def made_by_hand(folder, count, seed, processes, labels, oracle, advance=None):
     """What the generator would write, without a single sample."""
     assert not oracle
     rows = []

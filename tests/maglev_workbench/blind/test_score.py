@@ -50,7 +50,7 @@ class Said:
         return self.data
 
 
-def made_by_hand(folder, count, seed, processes, labels, oracle=True):
+def made_by_hand(folder, count, seed, processes, labels, oracle=True, advance=None):
     rows = []
     for i, (kind, effects, size, rivals, _, _) in enumerate(CASES):
         (folder / f"c{i:04d}").mkdir(parents=True)

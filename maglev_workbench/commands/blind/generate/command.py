@@ -23,7 +23,10 @@ def generate(
     processes: ProcessesOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write campaigns of an independent twin and seal their labels: prints the SHA-256 of the labels."""
+    """Write campaigns of an independent twin and seal their labels: prints the SHA-256 of the labels.
+
+    An interrupted run resumes.
+    """
     from maglev_workbench.commands.blind import sealed_set
     from maglev_workbench.console import write_json
 
