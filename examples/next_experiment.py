@@ -93,9 +93,9 @@ def decided(
         write_campaign(Path(folder) / "a", RIG, {}, rows)
         first = diagnose(Path(folder) / "a")
         (name,) = effects
-        if first.verdict != "ambiguous" or name not in first.cause or first.next_experiment is None:
+        if first.verdict != "ambiguous" or name not in first.cause or first.next_experiments is None:
             return first.verdict, first.cause, "", ()
-        proposed = first.next_experiment
+        proposed = first.next_experiments.proposals[0]
         e = carried_out(base, proposed.change, seed)
         kept = list(channels) + proposed.change.get("channels", [])
         if "excitation" in proposed.change:

@@ -87,10 +87,10 @@ def diagnose(
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
         notes.append(said)
-    proposal = None
+    plan = None
     if named.verdict in ("ambiguous", "unexplained"):
         progress("next experiment")
-        proposal = propose(attribution, named.found)
+        plan = propose(attribution, named.found, named.verdict == "unexplained")
     left, partial = None, attribution.calibration
     if named.verdict == "unexplained":
         progress("what is left")
@@ -124,7 +124,7 @@ def diagnose(
         where=where,
         which=tuple(named.found),
         indistinguishable=(named.cause,) if named.verdict == "ambiguous" else (),
-        next_experiment=proposal,
+        next_experiments=plan,
         gap=gap,
         corrected=corrected,
         campaign=loaded,

@@ -12,7 +12,7 @@ from maglev_env.recordings.campaign import Campaign
 from maglev_env.recordings.left_out import left_out_data
 from maglev_env.rig.rig import Rig
 from sim2real.advice.gain_choice import GainChoice
-from sim2real.advice.next_experiment import Proposal
+from sim2real.advice.proposal import Plan
 from sim2real.coefficients import surplus
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
@@ -44,7 +44,7 @@ class Diagnosis:
         where: Where the gap lies.
         which: Every hypothesis with its probability.
         indistinguishable: Sets of causes that the campaign cannot distinguish.
-        next_experiment: The most useful next recording, if one is needed.
+        next_experiments: The most useful next recordings, if they are needed.
         gap: How far the gap shrinks with the corrected rig.
         corrected: The point that closes the gap (calibration alone where no effect is named).
         campaign: The campaign of the recordings that were used.
@@ -78,7 +78,7 @@ class Diagnosis:
     where: Where
     which: tuple[Entry, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
-    next_experiment: Proposal | None
+    next_experiments: Plan | None
     gap: Gap
     corrected: Point
     campaign: Campaign
@@ -148,7 +148,7 @@ class Diagnosis:
             "likely": {"level": LEVEL, "hypotheses": [list(e.effects) for e in self.likely]} if self.likely else None,
             "rareness": None if self.rareness is None else dict(zip(("p", "known"), self.rareness, strict=True)),
             "indistinguishable": [list(c) for c in self.indistinguishable],
-            "next_experiment": None if self.next_experiment is None else self.next_experiment.to_json(),
+            "next_experiments": None if self.next_experiments is None else self.next_experiments.to_json(),
             "gap": {
                 "before": g.before,
                 "calibrated": g.calibrated,

@@ -25,7 +25,7 @@ class Item:
         effort: Relative: 1 for a change of software, 2 of wiring, 3 of hardware.
         record: The recording as it would be.
         outputs: Outputs that it would show.
-        change: What differs from the one that was made, see `next_experiment.Proposal`.
+        change: What differs from the one that was made, see `proposal.Choice`.
     """
 
     what: str

@@ -91,7 +91,7 @@ def test_without_effect_there_is_no_gap(tmp_path):
     found = answer(campaign(tmp_path / "c"))
     assert found.verdict == "no_gap" and found.cause == ()
     assert not found.where.significant and 0.85 < found.gap.before < 1.15
-    assert found.gap.closed_fraction is None and found.next_experiment is None
+    assert found.gap.closed_fraction is None and found.next_experiments is None
     assert found.where.controller < 2
 
 
@@ -175,11 +175,11 @@ def test_a_record_of_force_and_displacement_alone_has_an_honest_class(poor):
 
 def test_the_experiment_that_tells_its_class_apart_is_proposed(poor):
     """What goes into the current passes the amplifier as the command does; the force meets neither on its way in."""
-    best = poor.next_experiment
+    (best, *_), plan = poor.next_experiments.proposals, poor.next_experiments
     assert "current" in best.what and best.expected_separation > SEPARATED
-    menu = dict(best.table)
+    menu = {choice.what: choice.expected_separation for choice in plan.menu}
     assert len(menu) >= 4 and all(np.isfinite(v) for v in menu.values())
-    assert best.to_json()["change"] == best.change and best.change.keys() <= {"channels", "excitation"}
+    assert plan.to_json()["proposals"][0]["change"] == best.change and best.change.keys() <= {"channels", "excitation"}
     assert "an injection into the current beside the force" in menu  # though the force had every line
     assert "the coil current beside the same channels" in menu
 

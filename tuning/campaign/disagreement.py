@@ -25,7 +25,7 @@ class Disagreement:
         sentence: What it says.
         rig: The corrected rig, with the stated mass; None where no effect explains the recordings.
         what: The recording that it proposes, in words; None without one.
-        change: How that differs from the recordings made, see `sim2real.advice.next_experiment.Proposal`.
+        change: How that differs from the recordings made, see `sim2real.advice.proposal.Proposal`.
     """
 
     sentence: str
@@ -46,9 +46,9 @@ def disagreement(campaign: Campaign, seed: int = 0) -> Disagreement:
     except ValueError as error:
         return Disagreement(f"`maglev diagnose` cannot judge these recordings: {error}")
     rig = replace(corrected_rig(found), mass=found.rig.mass) if found.verdict == EXPLAINED else None
-    proposal = found.next_experiment
-    if proposal is None:
+    if found.next_experiments is None:
         return Disagreement(sentence(found), rig)
+    proposal = found.next_experiments.proposals[0]
     return Disagreement(sentence(found), rig, proposal.what, proposal.change)
 
 

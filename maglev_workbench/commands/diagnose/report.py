@@ -14,6 +14,7 @@ from maglev_workbench.console import marked
 from maglev_workbench.page import html_text, note, number, page, table
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.next_experiment import SEPARATED
+from sim2real.advice.proposal import Proposal
 from sim2real.curves import curves
 from sim2real.gap.leftover_words import fit_in_words, leftover_lines
 from sim2real.gap.shrink import errors
@@ -45,6 +46,7 @@ _MEANING = {
     CALIBRATION: "the nominal rig, its parameters changed within their tolerances",
     UNKNOWN: "something that is not among the known effects",
 }
+_EFFORTS = {1: "software", 2: "wiring", 3: "hardware"}
 _NOTES = {
     "where": "Shares of the noise-weighted gap that calibration within tolerance leaves. The bars below the loop are "
     "the segments that the recorded channels isolate; the darker a block, the more of the gap may lie there. What is "
@@ -103,8 +105,8 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
         as_far = "Fitted beside the free correction" if beside else "Calibration, as far as it goes"
         within = "Within tolerance" if diagnosis.verdict == "no_gap" else as_far
         parts.append(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}.")
-    if diagnosis.next_experiment:
-        parts.append(marked("Measure next:", _next(diagnosis), "bold"))
+    for word, text in zip(("Measure next:", "Then:", "Then:"), _next(diagnosis), strict=False):
+        parts.append(marked(word, text, "bold"))
     parts += [marked("  left out", str(one)) for one in diagnosis.campaign.left_out]
     return parts + [f"  note: {text}" for text in diagnosis.notes[bool(told) :]]
 
@@ -264,21 +266,38 @@ def _word_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     return rows
 
 
-def _next(d: Diagnosis) -> str:
-    p = d.next_experiment
+def _next(d: Diagnosis) -> list[str]:
+    """What to record next, one sentence each, in order."""
+    if d.next_experiments is None:
+        return []
+    return [f"{p.what}{_repeated(p, d)}; {p.why}{_separating(p)}." for p in d.next_experiments.proposals]
+
+
+def _repeated(p: Proposal, d: Diagnosis) -> str:
+    """Which recording "the same" is, where there are several."""
+    return f" as {p.of}" if p.of and len(d.campaign.recordings) > 1 else ""
+
+
+def _separating(p: Proposal) -> str:
     if p.expected_separation is None:
-        return f"{p.what}; {p.why}."
-    return f"{p.what}; {p.why} (expected separation {number(p.expected_separation)}; {SEPARATED:g} tell them apart)."
+        return ""
+    return f" (expected separation {number(p.expected_separation)}; {SEPARATED:g} tell them apart)"
 
 
 def _next_sections(d: Diagnosis) -> "list[tuple[str, str | Figure]]":
-    p = d.next_experiment
-    if p is None:
+    plan = d.next_experiments
+    if plan is None:
         return []
-    found: list[tuple[str, str | Figure]] = [("What to measure next", f"<p>{html_text(_next(d))}</p>")]
-    if p.table:
-        rows = [(what, number(v), "yes" if v > SEPARATED else "not surely") for what, v in p.table]
-        found.append(("", table(("recording", "expected separation", "tells them apart"), rows)))
+    texts = "".join(f"<li>{html_text(text)}</li>" for text in _next(d))
+    found: list[tuple[str, str | Figure]] = [("What to measure next", f"<ol>{texts}</ol>")]
+    if plan.menu:
+        rows = []
+        for c in plan.menu:
+            value = c.expected_separation or 0.0
+            rows.append(
+                (c.what, _EFFORTS[round(c.effort)], number(value), "yes" if value > SEPARATED else "not surely")
+            )
+        found.append(("", table(("recording", "it takes", "expected separation", "tells them apart"), rows)))
         found.append(("", note(_NOTES["next"])))
     return found
 

@@ -68,7 +68,9 @@ def explained(found):
     rest = [replace(e, probability=0.07 * e.probability) for e in found.which if e is not top]
     which = (replace(top, probability=1 - sum(e.probability for e in rest)), *rest)
     corrected = fit.hypothesis.point(fit.u)
-    return replace(found, verdict="explained", cause=("delay",), which=which, corrected=corrected, next_experiment=None)
+    return replace(
+        found, verdict="explained", cause=("delay",), which=which, corrected=corrected, next_experiments=None
+    )
 
 
 def shown(diagnosis):
@@ -159,7 +161,7 @@ def test_measured_and_simulated_responses_are_those_of_the_loop(diagnosed):
 def test_every_verdict_has_a_page(diagnosed):
     found, named = diagnosed
     assert "foil" in diagnose_page(named)
-    none = replace(found, verdict="no_gap", cause=(), next_experiment=None)
+    none = replace(found, verdict="no_gap", cause=(), next_experiments=None)
     assert "There is no gap" in diagnose_page(none) and "Within tolerance" in shown(none)
     partly = " ".join(shown(replace(none, unseen=("delay",))).split())
     assert "from the current on" in partly and "from the current on" not in shown(none)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sim2real.advice import next_experiment as own
+from sim2real.advice import separation
 from sim2real.advice.recording_menu import Item
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import Attribution, Candidate
@@ -33,42 +34,81 @@ def asked(monkeypatch):
     """Asks for a recording between the three effects, of which the second and the third are least unlike in it."""
     drawn = np.random.default_rng(4).standard_normal((4, 40, 2)) @ (1, 1j)
     simulate = simulator(np.array([drawn[0], drawn[1], drawn[1] + 0.2 * drawn[2]]))
-    problem = SimpleNamespace(parts=(), data=drawn[3], simulate=simulate, loudest=SimpleNamespace(record=None))
+    problem = SimpleNamespace(
+        parts=(), data=drawn[3], simulate=simulate, loudest=SimpleNamespace(record=SimpleNamespace(name="a.npz"))
+    )
     fits = begin([Hypothesis((n,), {}) for n in NAMES], [np.full(1, 5.0)] * 3, problem.data, simulate)
     differentiate(fits[:2], problem.data, simulate, True)
     calibration = begin([Hypothesis((), {})], [np.zeros(0)], problem.data, simulate)
     attribution = Attribution(0.0, tuple(map(Candidate, [*calibration, *fits])), 80.0, problem)
     monkeypatch.setattr(own, "menu", lambda _: [Item("another", 1.0, None, ("plant",), {"amplitude": 2.0})])
-    monkeypatch.setattr(own, "_look", lambda *_: (SimpleNamespace(smoothed=simulate), np.ones(40)))
+    monkeypatch.setattr(separation, "look", lambda *_: (SimpleNamespace(smoothed=simulate), np.ones(40)))
     return lambda *found: own.propose(attribution, found)
 
 
 def test_another_speed_is_for_what_differs_in_nothing_but_what_turns():
     found = [of("delay+unbalance", 0.5, 1), of("delay+runout", 0.4, 1), of("sensor_lag+unbalance", 0.01, 2)]
-    proposed = own.propose(NEVER, found)
+    (proposed,) = own.propose(NEVER, found).proposals
     assert proposed.change == {"speed": True}
-    assert proposed.to_json()["expected_separation"] is None  # nothing was simulated
+    assert proposed.expected_separation is None  # nothing was simulated
 
 
 def test_what_turns_is_no_question_where_the_class_agrees_about_it(asked):
     """The others are less probable by far."""
     found = [of("mass+unbalance", 0.52, 1), of("actuator_gain+unbalance", 0.46, 2), of("mass+runout", 0.011, 1)]
-    proposed = asked(*found)
+    (proposed,) = asked(*found).proposals
     assert proposed.what == "another" and proposed.why.endswith("tells mass from actuator_gain")
 
 
 def test_another_speed_is_proposed_where_no_fits_differ():
     """What turns beside calibration alone has no fit of its own."""
     found = [of("unbalance", 0.5, 0), of("runout+pickup", 0.5, 0)]
-    assert own.propose(NEVER, found).change == {"speed": True}
+    assert own.propose(NEVER, found) == own.Plan((own.OTHER_SPEED,))
 
 
 def test_candidates_that_were_only_simulated_are_told_apart_too_and_the_nearest_are_named(asked):
-    proposed = asked(*(of(name, 0.33, i) for i, name in enumerate(NAMES, 1)))
+    (proposed,) = asked(*(of(name, 0.33, i) for i, name in enumerate(NAMES, 1))).proposals
     assert proposed.why.endswith("actuator_gain from sensor_gain")
-    others = [asked(of("mass", 0.5, 1), of(name, 0.5, i)) for i, name in enumerate(NAMES[1:], 2)]
+    others = [asked(of("mass", 0.5, 1), of(name, 0.5, i)).proposals[0] for i, name in enumerate(NAMES[1:], 2)]
     assert 0 < proposed.expected_separation < min(p.expected_separation for p in others)
 
 
 def test_what_is_refuted_is_no_rival(asked):
     assert asked(of("unknown", 0.6), of("mass", 0.4, 1), of("actuator_gain", 0.0, 2)) is None
+
+
+def items(*efforts):
+    return [Item(f"item {n}", effort, None, ("plant",), {"amplitude": float(n)}) for n, effort in enumerate(efforts)]
+
+
+def chosen(told, *efforts):
+    own_items = items(*efforts)
+    return own._in_order(
+        own._chosen(list(range(len(own_items))), told, lambda s: sum(own_items[n].effort for n in s)),
+        told,
+        lambda s: sum(own_items[n].effort for n in s),
+    )
+
+
+def of_pairs(*rows):
+    """The least over pairs of candidates of what recordings add up to: a row for each recording."""
+    return lambda n: (float(np.min(np.sum([rows[i] for i in n], axis=0))), ())
+
+
+def test_two_recordings_that_each_leave_a_pair_are_planned_together():
+    """Neither alone separates all, a third does but takes new hardware."""
+    assert chosen(of_pairs([40.0, 0.5], [0.2, 30.0], [60.0, 60.0]), 1.0, 1.0, 3.0) == [0, 1]
+    assert chosen(of_pairs([40.0, 0.5], [0.2, 30.0], [60.0, 60.0]), 1.0, 1.0, 1.0) == [2]
+
+
+def test_what_adds_nothing_is_not_asked_for():
+    assert chosen(of_pairs([4.0, 3.0], [0.1, 0.2], [2.0, 2.5]), 1.0, 1.0, 1.0) == [0, 2]
+
+
+def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(monkeypatch):
+    kinds = ({"amplitude": 2.0}, {"channels": ["current"]}, {"gains": [0.8, 1.3]}, {"excitation": {}})
+    monkeypatch.setattr(own, "menu", lambda _: [Item(str(k), 1.0, None, ("plant",), k) for k in kinds])
+    part = SimpleNamespace(record=SimpleNamespace(name="a.npz"))
+    plan = own.propose(SimpleNamespace(problem=SimpleNamespace(parts=(), loudest=part)), [], unknown=True)
+    assert [tuple(p.change) for p in plan.proposals] == [("channels",), ("amplitude",), ("gains",)]
+    assert plan.menu == () and all(p.expected_separation is None and p.of == "a.npz" for p in plan.proposals)

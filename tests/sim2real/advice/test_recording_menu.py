@@ -9,8 +9,8 @@ from bench_loop import Bench, write_campaign
 from campaigns import campaign
 
 from maglev_env.rig.rig import Noise
-from sim2real.advice.next_experiment import _look, _separation
 from sim2real.advice.recording_menu import Item, menu
+from sim2real.advice.separation import differences, look, separation
 from sim2real.compared.problem import assemble
 from sim2real.recorded.opened import stated_noise
 from sim2real.recorded.records import read_records
@@ -31,11 +31,11 @@ def test_the_separation_expected_of_a_repetition_is_the_one_that_was_found(tmp_p
     (part,), items = problem.parts, menu(record)
     outputs = part.opened.outputs
     assert [i.outputs for i in items] == [outputs] * len(items)
-    expected, pair = _separation(Item("the same", 1.0, record, outputs, {}), part, fits)
+    expected, pair = separation([differences(Item("the same", 1.0, record, outputs, {}), part, fits)], fits)
     assert pair == tuple(fits)
     # A delay that were not there would be refitted to both recordings, which leaves half the cost; less gain would not.
     assert found > 30 and 0.45 * found < expected < 1.1 * found
-    table = {tuple(i.change): _separation(i, part, fits)[0] for i in items}
+    table = {tuple(i.change): separation([differences(i, part, fits)], fits)[0] for i in items}
     assert {"amplitude", "excitation", "offset", "gains"} == {name for (name,) in table}
     assert 1.3 * expected < table[("amplitude",)] < 4.1 * expected  # 4 without any refit
     assert all(np.isfinite(value) for value in table.values()) and table[("excitation",)] > expected
@@ -56,7 +56,7 @@ def test_a_recording_is_as_noisy_as_the_one_that_was_made_whatever_the_rig_state
     noise = np.sqrt(stated_noise(record, replace(part.opened, outputs=("plant", "amplifier"))) / record.count)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        looks = [(item, _look(item, part)[1]) for item in menu(none) if item.outputs]
+        looks = [(item, look(item, part)[1]) for item in menu(none) if item.outputs]
     told = [row for item, weights in looks for row in zip(item.outputs, weights, noise, strict=False)]
     for output, own, expected in told:
         if output in part.opened.outputs:
@@ -64,4 +64,4 @@ def test_a_recording_is_as_noisy_as_the_one_that_was_made_whatever_the_rig_state
         else:
             assert np.isinf(own).all()
     silent = [item for item, weights in looks if np.isinf(weights).any()]
-    assert bool(silent) == (not current) and {_separation(item, part, [])[0] for item in silent} <= {-np.inf}
+    assert bool(silent) == (not current) and all(differences(item, part, []) is None for item in silent)
