@@ -66,10 +66,11 @@ def _base(attribution: Attribution) -> Part:
 def _of_the_unknown(attribution: Attribution) -> Plan | None:
     """What shows where an unknown cause acts, and of what it depends; nothing predicts how much."""
     base = _base(attribution)
-    items = {kind: item for item in reversed(menu(base.record)) for kind in item.change}
-    asked = [(items[kind], why) for kind, why in SHOWS.items() if kind in items][:MOST]
+    items = menu(base.record)
+    kinds = {kind: item for item in reversed(items) for kind in item.change}
+    asked = [(kinds[kind], why) for kind, why in SHOWS.items() if kind in kinds][:MOST]
     found = (Proposal(i.what, why, i.effort, None, i.change, base.record.name) for i, why in asked)
-    return Plan(tuple(found)) if asked else None
+    return Plan(tuple(found), tuple(Choice(i.what, i.effort, None, i.change) for i in items)) if asked else None
 
 
 def _rivals(attribution: Attribution, found: Sequence[Entry]) -> list[Fit]:
@@ -114,7 +115,7 @@ def _between(attribution: Attribution, found: Sequence[Entry]) -> Plan | None:
         why = f"{'it' if count == 1 else 'together with those before, it'} {surely} {names}"
         proposals.append(Proposal(item.what, why, item.effort, value, item.change, base.record.name))
     choices = (Choice(items[n].what, items[n].effort, told([n])[0], items[n].change) for n in looks)
-    return Plan(tuple(proposals), tuple(sorted(choices, key=lambda c: -c.expected_separation)))
+    return Plan(tuple(proposals), tuple(sorted(choices, key=lambda c: -(c.expected_separation or 0.0))))
 
 
 def _chosen(items: list[int], told: Told, effort: Effort) -> list[int]:

@@ -12,7 +12,8 @@ class Choice:
     Attributes:
         what: What to record.
         effort: Relative: 1 for a change of software, 2 of wiring, 3 of hardware.
-        expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it alone separates least.
+        expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it alone separates least;
+            None where it is not computed.
         change: What differs from the recording that it repeats: "amplitude" (factor), "offset" (m), "gains" (factors
             on kp and kd), "excitation" (at, lines and peak, N or A; these lines are no longer driven otherwise; or,
             beside what never repeats, frequencies in Hz in place of lines), "channels" (recorded in addition),
@@ -21,7 +22,7 @@ class Choice:
 
     what: str
     effort: float
-    expected_separation: float
+    expected_separation: float | None
     change: Mapping[str, Any]
 
 
@@ -54,7 +55,7 @@ class Plan:
     Attributes:
         proposals: In the order in which to record them, each with what it adds; the later ones are needed only where
             those before have not decided.
-        menu: All that was weighed, that which separates most first; empty where no separation was computed.
+        menu: All that was weighed, that which separates most first.
     """
 
     proposals: tuple[Proposal, ...]

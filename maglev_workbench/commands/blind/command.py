@@ -7,7 +7,7 @@ import typer
 
 from maglev_workbench.commands import WholeSentences, add_commands
 
-COMMANDS = ("generate", "answer", "open", "score", "run", "learn")  # in the order of `maglev blind --help`
+COMMANDS = ("generate", "answer", "open", "score", "next", "run", "learn")  # in the order of `maglev blind --help`
 
 group = typer.Typer(
     name="blind",

@@ -290,9 +290,9 @@ def _next_sections(d: Diagnosis) -> "list[tuple[str, str | Figure]]":
         return []
     texts = "".join(f"<li>{html_text(text)}</li>" for text in _next(d))
     found: list[tuple[str, str | Figure]] = [("What to measure next", f"<ol>{texts}</ol>")]
-    if plan.menu:
+    if computed := [c for c in plan.menu if c.expected_separation is not None]:
         rows = []
-        for c in plan.menu:
+        for c in computed:
             value = c.expected_separation or 0.0
             rows.append(
                 (c.what, _EFFORTS[round(c.effort)], number(value), "yes" if value > SEPARATED else "not surely")

@@ -15,7 +15,7 @@ from sim2real.blind.benchmark.kinds import KINDS, OUTSIDE, VOCABULARY, Kind, kno
 from sim2real.blind.benchmark.oracle import rivals
 from sim2real.blind.benchmark.rigs import TURNS, BenchRig, draw_rig, log_uniform
 from sim2real.blind.benchmark.simulate import Controller, LoopFailed, Recording, Truth, simulate
-from sim2real.blind.benchmark.write import write_campaign
+from sim2real.blind.benchmark.write import Recorded, write_campaign
 from sim2real.blind.sealing import sealed
 
 SHARES = {"none": 1 / 6, "pair": 1 / 6, "unknown": 1 / 4}  # the other cases are single effects
@@ -174,17 +174,22 @@ def label(made: Made, seed: int, oracle: bool = True) -> dict:
     }
 
 
-def _produce(case: Case, folder: Path, seed: int, oracle: bool) -> dict:
-    made = make(case, seed)
-    rng = np.random.default_rng([seed, case.number, ATTEMPTS])
-    recorded = []
+def recorded(made: Made, seed: int) -> list[Recorded]:
+    """The recordings of a case, with noise and rounding."""
+    rng = np.random.default_rng([seed, made.case.number, ATTEMPTS])
+    found = []
     for r in made.recordings:
         noise, drops = (int(n) for n in rng.integers(2**62, size=2))
-        stored = case.channels == "displacement" or r.drive.shape in ("multisine", "steps") or rng.random() < 0.5
-        recorded.append((r, stored, simulate(disturbed(made), r, noise, drops)))
+        stored = made.case.channels == "displacement" or r.drive.shape in ("multisine", "steps") or rng.random() < 0.5
+        found.append(Recorded(r, stored, simulate(disturbed(made), r, noise, drops)))
+    return found
+
+
+def _produce(case: Case, folder: Path, seed: int, oracle: bool) -> dict:
+    made = make(case, seed)
     found = label(made, seed, oracle)
     shutil.rmtree(folder / found["id"], ignore_errors=True)  # of an interrupted run
-    write_campaign(folder / found["id"], made.truth.rig, case.channels, recorded)
+    write_campaign(folder / found["id"], made.truth.rig, case.channels, recorded(made, seed))
     return found
 
 

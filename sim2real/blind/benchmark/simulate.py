@@ -92,7 +92,18 @@ class Truth:
 
 @dataclass(frozen=True)
 class Recording:
-    """An experiment: its role, controller, drive, speed (rad/s) and angle at the begin (rad)."""
+    """An experiment.
+
+    Attributes:
+        name: Of its file, without the suffix.
+        role: "fit" or "holdout".
+        controller: In force.
+        drive: What excites it.
+        speed: rad/s.
+        angle: At the begin, rad.
+        offset: Steady set point on every axis, m.
+        beside: A second drive, elsewhere or on other lines.
+    """
 
     name: str
     role: str
@@ -100,6 +111,19 @@ class Recording:
     drive: Drive
     speed: float = 0.0
     angle: float = 0.0
+    offset: float = 0.0
+    beside: Drive | None = None
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Its drives."""
+        return (self.drive,) if self.beside is None else (self.drive, self.beside)
+
+    def channels(self, axes: int) -> dict[str, np.ndarray]:
+        """The channels force, injection and reference (n, axes)."""
+        each = [drive.channels(axes) for drive in self.drives]
+        found = {name: sum(one[name] for one in each) for name in each[0]}
+        return {**found, "reference": found["reference"] + self.offset}
 
 
 STEPS = 20  # Runge-Kutta steps in a control period; differences of two simulations need fewer
@@ -124,7 +148,7 @@ def simulate(
     Raises:
         LoopFailed: The rotor touched its stops.
     """
-    rig, driven = truth.rig, recording.drive.channels(truth.rig.axes)
+    rig, driven = truth.rig, recording.channels(truth.rig.axes)
     shape = driven["force"].shape
     rng = np.random.default_rng(seed)
     noise = np.zeros(shape) if seed is None else rig.noise["displacement"] * rng.standard_normal(shape)
@@ -151,7 +175,7 @@ def smoothed(truth: Truth, recording: Recording, seed: int, drops: int, steps: i
     Raises:
         LoopFailed: The rotor touched its stops.
     """
-    rig, driven = truth.rig, recording.drive.channels(truth.rig.axes)
+    rig, driven = truth.rig, recording.channels(truth.rig.axes)
     rng, shape = np.random.default_rng([seed, 2]), driven["force"].shape
     noise = np.hypot(rig.noise["displacement"], rig.counts["displacement"] / sqrt(12)) * rng.standard_normal(shape)
     rounded = rig.counts["command"] / sqrt(12) * rng.standard_normal(shape)
@@ -176,7 +200,8 @@ def _run(
     lost = np.random.default_rng([drops, 1]).random(noise.shape[0]) < p[at.DROPS]
     b, c = recording.controller.coefficients()
     inputs = (driven["reference"], driven["injection"], driven["force"], noise)
-    rested = [np.pad(x, ((lead, 0), (0, 0))) for x in inputs]
+    before = (recording.offset, 0.0, 0.0, 0.0)
+    rested = [np.pad(x, ((lead, 0), (0, 0)), constant_values=v) for x, v in zip(inputs, before, strict=True)]
     *channels, stood = run(p, b, c, *rested, np.pad(lost, (lead, 0)), quantised, steps, lead)
     if not stood:
         raise LoopFailed(recording.name)

@@ -111,4 +111,6 @@ def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(mo
     part = SimpleNamespace(record=SimpleNamespace(name="a.npz"))
     plan = own.propose(SimpleNamespace(problem=SimpleNamespace(parts=(), loudest=part)), [], unknown=True)
     assert [tuple(p.change) for p in plan.proposals] == [("channels",), ("amplitude",), ("gains",)]
-    assert plan.menu == () and all(p.expected_separation is None and p.of == "a.npz" for p in plan.proposals)
+    assert [c.change for c in plan.menu] == list(kinds) and all(
+        p.expected_separation is None and p.of == "a.npz" for p in plan.proposals
+    )

@@ -9,7 +9,7 @@ from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
-from sim2real.blind.benchmark.write import write_campaign
+from sim2real.blind.benchmark.write import Recorded, write_campaign
 from sim2real.compared.bench_noise import NO_BOUND, bench_noise
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
@@ -25,7 +25,8 @@ def recorded(tmp_path, effects, drives=(("multisine", 0.01, "current"), ("steps"
     controller = Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"])
     truth = Truth(rig, {}, effects(rig))
     drawn = [drive_at(place, shape, rig, level, rng) for shape, level, place in drives]
-    made = [(r := Recording(d.shape, "fit", controller, d), True, simulate(truth, r, i)) for i, d in enumerate(drawn)]
+    rows = [Recording(d.shape, "fit", controller, d) for d in drawn]
+    made = [Recorded(r, True, simulate(truth, r, i)) for i, r in enumerate(rows)]
     write_campaign(tmp_path / "c", rig, "full", made)
     return read_records(tmp_path / "c")[1]
 

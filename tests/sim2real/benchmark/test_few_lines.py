@@ -5,7 +5,7 @@ import numpy as np
 from sim2real.blind.benchmark.drives import PERIODIC, Drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
-from sim2real.blind.benchmark.write import write_campaign
+from sim2real.blind.benchmark.write import Recorded, write_campaign
 from sim2real.compared.drift import drift_of
 from sim2real.compared.problem import assemble
 from sim2real.recorded.records import read_records
@@ -21,7 +21,7 @@ def test_a_multisine_of_nine_lines_is_read_and_has_no_drift(tmp_path):
     wave = np.tile(1e-3 * rig.parameters["gap"] * wave, PERIODIC)
     drive = Drive("multisine", "reference", wave, lines, rate / t.size)
     recording = Recording("one", "fit", Controller(rig.pid, "pid", 1 / rate), drive)
-    write_campaign(tmp_path / "c", rig, "displacement", [(recording, True, simulate(Truth(rig), recording, 5))])
+    write_campaign(tmp_path / "c", rig, "displacement", [Recorded(recording, True, simulate(Truth(rig), recording, 5))])
     _, records = read_records(tmp_path / "c")
     problem = assemble(records)
     h = Hypothesis((), {})

@@ -9,7 +9,7 @@ from sim2real import diagnose
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
-from sim2real.blind.benchmark.write import write_campaign
+from sim2real.blind.benchmark.write import Recorded, write_campaign
 
 STRONGER = 1.2
 
@@ -27,7 +27,7 @@ def test_a_larger_force_constant_is_a_gain_and_a_stiffness_and_no_other_mass(tmp
         (("fit", "multisine", 0.12), ("fit", "chirp", 0.06), ("holdout", "multisine", 0.12))
     ):
         recording = Recording(f"r{n}", role, controller, draw_drive(shape, rig, False, level, rng))
-        recorded.append((recording, True, simulate(Truth(true), recording, 5 + n)))
+        recorded.append(Recorded(recording, True, simulate(Truth(true), recording, 5 + n)))
     write_campaign(tmp_path / "c", rig, "no_force", recorded)
     found = diagnose(tmp_path / "c")
     assert (found.verdict, set(found.cause)) == ("explained", {"actuator_gain", "negative_stiffness"})

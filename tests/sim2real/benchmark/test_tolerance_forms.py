@@ -14,7 +14,7 @@ from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.plant import pull
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
-from sim2real.blind.benchmark.write import write_campaign
+from sim2real.blind.benchmark.write import Recorded, write_campaign
 from sim2real.compared import problem as problem_module
 from sim2real.compared.point import tolerances
 from sim2real.compared.tolerance_forms import LAG, tolerance_forms
@@ -32,7 +32,7 @@ def folder(tmp_path_factory):
     recording = Recording("one", "fit", controller, draw_drive("multisine", rig, False, 0.08, rng))
     made = simulate(Truth(rig, {"negative_stiffness": -0.04}), recording, 5)
     folder = tmp_path_factory.mktemp("ball") / "c"
-    write_campaign(folder, rig, "no_force", [(recording, True, made)])
+    write_campaign(folder, rig, "no_force", [Recorded(recording, True, made)])
     return folder
 
 
@@ -71,7 +71,7 @@ def stand(tmp_path_factory):
     recording = Recording("one", "fit", controller, draw_drive("multisine", rig, False, 0.05, rng))
     made = simulate(Truth(rig, {"negative_stiffness": -0.09}), recording, 5)
     folder = tmp_path_factory.mktemp("stand") / "c"
-    write_campaign(folder, rig, "no_force", [(recording, True, made)])
+    write_campaign(folder, rig, "no_force", [Recorded(recording, True, made)])
     return folder
 
 
@@ -112,7 +112,7 @@ def test_calibration_takes_up_a_lag_of_several_poles(tmp_path, monkeypatch):
     recording = Recording("one", "fit", controller, draw_drive("multisine", rig, False, 0.03, rng))
     half = 0.5 * rig.parameters[LAG]
     made = simulate(Truth(rig, {}, {at.AMPLIFIER: -half, at.LAG: half}), recording, 5)
-    write_campaign(tmp_path / "c", rig, "no_force", [(recording, True, made)])
+    write_campaign(tmp_path / "c", rig, "no_force", [Recorded(recording, True, made)])
     _, (record,) = read_records(tmp_path / "c")
     left = {}
     for for_estimate in (False, True):
