@@ -8,8 +8,10 @@ from command_line import maglev
 
 import sim2real
 from maglev_lanes.code_version import DIAGNOSING, code_version
+from maglev_workbench.commands.blind.next import trying
 from sim2real.blind.benchmark import generate as generator
 from sim2real.blind.benchmark.foils import nothing
+from sim2real.blind.benchmark.promise import Tried
 from sim2real.blind.benchmark.scores import SCORES, judged_with_rivals, rows_of, score_set, tellable
 from sim2real.blind.cases import Case, parse_diagnosis
 
@@ -175,3 +177,28 @@ def test_sets_of_the_two_generators_are_not_confused(answered):
 
 def test_the_foil_that_finds_nothing_needs_no_campaign(tmp_path):
     assert nothing(tmp_path)["verdict"] == "no_gap"
+
+
+def test_what_answers_ask_for_is_tried_after_they_were_scored(answered, tmp_path, monkeypatch):
+    """Of the known effects from the threshold on, two are answered by a class."""
+    asked = []
+
+    def both(case, diagnosis, seed, count, diagnose):
+        asked.append((case.id, seed, count))
+        decided = case.id == "c0003"
+        return {
+            "proposed": Tried(("louder",), ("explained" if decided else "ambiguous",), 1 if decided else None),
+            "random": Tried(("other gains", "louder"), ("ambiguous", "explained"), 2),
+        }
+
+    monkeypatch.setattr(trying, "try_both", both)
+    assert "score its answers first" in maglev("blind", "next", answered, code=2)
+    maglev("blind", "score", answered)
+    docs, js = tmp_path / "next.md", tmp_path / "next.json"
+    text = maglev("blind", "next", answered, "--processes", 1, "--docs", docs, "--json", js)
+    assert asked == [("c0003", 3, 9), ("c0004", 3, 9)]
+    assert "as proposed │ 2 │ 50 % │ 50 % │ 1.50" in text and "at random │ 2 │ 0 % │ 100 % │ 2.00" in text
+    assert [one["proposed"]["decided"] for one in json.loads(js.read_text())["tried"]] == [1, None]
+    assert "louder: explained (decided)" in docs.read_text()
+    maglev("blind", "next", answered, "--processes", 1)
+    assert len(asked) == 2  # what was tried is kept

@@ -1,6 +1,7 @@
 """Recordings that answers ask for, made and diagnosed again: files, table and markdown."""
 
 import json
+from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
 from dataclasses import asdict
 from functools import partial
@@ -20,7 +21,9 @@ from maglev_workbench.console import console, progress_bar, write_json
 from maglev_workbench.page import markdown_table
 from sim2real.blind.answer import OPENED, diagnose
 from sim2real.blind.benchmark.promise import MOST, Tried, asked, recordings_made, share_decided, try_both
+from sim2real.blind.benchmark.scores import judged_with_rivals
 from sim2real.blind.cases import ANSWERS, Case, open_labels, read_answer, seal_of
+from sim2real.blind.judging.judging import Judgement
 from sim2real.blind.judging.scoring import answer_words, truth_words
 
 TRIED = "next"  # folder of what was tried
@@ -39,8 +42,8 @@ def try_folder(folder: Path, processes: int | None, docs: Path | None, json_file
     if not (folder / OPENED).is_file():
         raise ValueError(f"{folder} is sealed: score its answers first (maglev blind score {folder})")
     seal, version = seal_of(folder), code_version(DIAGNOSING, blind=True)
-    answers = {case: read_answer(folder / ANSWERS / f"{case.id}.json", seal) for case in open_labels(folder)}
-    cases = [case for case, answer in answers.items() if asked(case, answer)]
+    answers = {path.stem: read_answer(path, seal) for path in sorted((folder / ANSWERS).glob("*.json"))}
+    cases = [case for case in open_labels(folder) if asked(case, answers[case.id])]
     with locked(folder):
         (folder / TRIED).mkdir(exist_ok=True)
         _try_each(folder, cases, made, version, processes or cores())
@@ -49,7 +52,8 @@ def try_folder(folder: Path, processes: int | None, docs: Path | None, json_file
     write_json(json_file, data)
     rows = [_row(how, [_of(one[how]) for one in found]) for how in ("proposed", "random")]
     if docs is not None:
-        each = [_each(case, one, answer_words(answers[case])) for case, one in zip(cases, found, strict=True)]
+        judged = [judged_with_rivals(case, answers[case.id]) for case in cases]
+        each = [_line(j, one) for j, one in zip(judged, found, strict=True)]
         write_text_atomic(docs, _markdown(rows, each, data))
     grid = Table(title="maglev blind next: classes and unknowns, recorded again")
     for heading in HEAD:
@@ -66,14 +70,22 @@ def _path(folder: Path, case: Case) -> Path:
 
 def _try_each(folder: Path, cases: list[Case], made: dict[str, Any], version: str, processes: int) -> None:
     todo = [case for case in cases if not _kept(_path(folder, case), version)]
-    with progress_bar() as bar, fresh_pool(max(1, min(processes, len(todo)))) as pool:
+    with progress_bar() as bar:
         task = bar.add_task("next", total=len(cases), completed=len(cases) - len(todo))
-        work = partial(_try_one, folder, made["seed"], made["count"])
-        futures = {pool.submit(work, case): case for case in todo}
-        for future in as_completed(futures):
-            case = futures[future]
-            write_json(_path(folder, case), {"id": case.id, "version": version, **future.result()})
+        for case, found in _each_tried(partial(_try_one, folder, made["seed"], made["count"]), todo, processes):
+            write_json(_path(folder, case), {"id": case.id, "version": version, **found})
             bar.advance(task)
+
+
+def _each_tried(
+    work: Callable[[Case], dict[str, Any]], cases: list[Case], processes: int
+) -> Iterator[tuple[Case, dict[str, Any]]]:
+    if min(processes, len(cases)) <= 1:
+        yield from ((case, work(case)) for case in cases)
+        return
+    with fresh_pool(min(processes, len(cases))) as pool:
+        futures = {pool.submit(work, case): number for number, case in enumerate(cases)}
+        yield from ((cases[futures[future]], future.result()) for future in as_completed(futures))
 
 
 def _kept(path: Path, version: str) -> bool:
@@ -95,8 +107,8 @@ def _row(how: str, tried: list[Tried]) -> tuple[str, ...]:
     return ("as proposed" if how == "proposed" else "at random", str(len(tried)), *shares, spent)
 
 
-def _each(case: Case, found: dict[str, Any], answer: str) -> tuple[str, ...]:
-    cells = (case.id, case.rig, case.channels, truth_words(case), answer)
+def _line(j: Judgement, found: dict[str, Any]) -> tuple[str, ...]:
+    cells = (j.case.id, j.case.rig, j.case.channels, truth_words(j), answer_words(j))
     return cells + tuple(_in_words(_of(found[how])) for how in ("proposed", "random"))
 
 
