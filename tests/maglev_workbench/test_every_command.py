@@ -30,6 +30,7 @@ NEEDED = {
     "blind answer": ["good"],
     "blind open": ["good"],
     "blind score": ["good"],
+    "blind next": ["good"],
     "blind learn": ["lessons", "--seed", "1", "--out", "judge.json"],
 }
 BESIDE = {  # arguments without which a bad one means nothing
