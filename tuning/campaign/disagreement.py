@@ -1,14 +1,14 @@
 """What to do where recordings contradict the fitted rig: the diagnosis names the effect, or what to record."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from maglev_env.loop.gains import Gains, with_gains
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.protocol import Protocol
 from maglev_env.rig.rig import Rig
+from sim2real.advice.proposal import Proposal
 from sim2real.corrected import corrected_rig
 from sim2real.diagnosis import diagnose
 from sim2real.report import sentence
@@ -24,14 +24,12 @@ class Disagreement:
     Attributes:
         sentence: What it says.
         rig: The corrected rig, with the stated mass; None where no effect explains the recordings.
-        what: The recording that it proposes, in words; None without one.
-        change: How that differs from the recordings made, see `sim2real.advice.proposal.Proposal`.
+        asked: The recordings that it proposes, in order.
     """
 
     sentence: str
     rig: Rig | None = None
-    what: str | None = None
-    change: Mapping[str, Any] | None = None
+    asked: tuple[Proposal, ...] = ()
 
 
 def disagreement(campaign: Campaign, seed: int = 0) -> Disagreement:
@@ -46,16 +44,15 @@ def disagreement(campaign: Campaign, seed: int = 0) -> Disagreement:
     except ValueError as error:
         return Disagreement(f"`maglev diagnose` cannot judge these recordings: {error}")
     rig = replace(corrected_rig(found), mass=found.rig.mass) if found.verdict == EXPLAINED else None
-    if found.next_experiments is None:
-        return Disagreement(sentence(found), rig)
-    proposal = found.next_experiments.proposals[0]
-    return Disagreement(sentence(found), rig, proposal.what, proposal.change)
+    return Disagreement(sentence(found), rig, found.next_experiments.proposals if found.next_experiments else ())
 
 
 def diagnosing(
     found: Disagreement, gains: Gains, protocol: Protocol, sets: Sequence[GainSet]
-) -> tuple[Gains, tuple[Excitation, ...]] | None:
-    """Gains and excitations of the diagnosing recording; None where there is none that can be stated, or it was made.
+) -> tuple[str, Gains, tuple[Excitation, ...]] | None:
+    """The first diagnosing recording that can be stated and was not made, in words, its gains and excitations.
+
+    None where there is none.
 
     Args:
         found: The diagnosis.
@@ -63,16 +60,18 @@ def diagnosing(
         protocol: Of the rig.
         sets: What was recorded.
     """
-    change = found.change or {}
     if any(len(s.files) > 1 for s in sets):
         return None
-    if "gains" in change:
-        kp, kd = change["gains"]
-        other = with_gains(gains, kp=kp * gains.kp, kd=kd * gains.kd)
-        return None if any(s.gains == other for s in sets) else (other, protocol.excitations)
-    if "amplitude" in change:
-        factor = change["amplitude"]
-        return gains, tuple(replace(e, amplitude=factor * e.amplitude) for e in protocol.excitations)
-    if "excitation" in change:
-        return gains, protocol.excitations
+    for proposal in found.asked:
+        change, what = proposal.change, proposal.what
+        if "gains" in change:
+            kp, kd = change["gains"]
+            other = with_gains(gains, kp=kp * gains.kp, kd=kd * gains.kd)
+            if all(s.gains != other for s in sets):
+                return what, other, protocol.excitations
+        elif "amplitude" in change:
+            factor = change["amplitude"]
+            return what, gains, tuple(replace(e, amplitude=factor * e.amplitude) for e in protocol.excitations)
+        elif "excitation" in change:
+            return what, gains, protocol.excitations
     return None

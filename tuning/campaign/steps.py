@@ -206,10 +206,10 @@ def asked_by_diagnosis(advice: Advice, model: Model, budget: int) -> Advice | No
     stated = diagnosing(found, advice.sets[best].gains, advice.task.rig.protocol, advice.sets)
     if stated is None:
         return None
-    gains, excitations = stated
+    what, gains, excitations = stated
     prediction = predict(model, gains)
     if gains != advice.sets[best].gains and _unsafe(advice, model, best, prediction) is not None:
         return None
-    words = f"the recordings contradict the model, and {found.what} tells which effect it is"
+    words = f"the recordings contradict the model, and {what} tells which effect it is"
     own = None if excitations == advice.task.rig.protocol.excitations else excitations
     return replace(advice, next=gains, prediction=prediction, why=words, kind="diagnose", excitations=own)

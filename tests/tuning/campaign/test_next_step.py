@@ -19,6 +19,7 @@ from maglev_env.recordings.recording import simulated_recording
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.task import make_task
 from maglev_workbench.commands.tune.next_recording import summary
+from sim2real.advice.proposal import Proposal
 from tuning.campaign import steps as module
 from tuning.campaign.candidates import Value
 from tuning.campaign.carried import carried
@@ -142,12 +143,12 @@ def resonant():
 
 @pytest.mark.slow
 def test_the_diagnosis_decides_what_is_recorded_where_model_and_recordings_disagree():
-    said = Disagreement("no effect explains it.", None, "the same at twice the amplitude", {"amplitude": 2.0})
-    asked = []
+    said = Disagreement("no effect explains it.", None, (asked({"amplitude": 2.0}),))
+    calls = []
     one = gain_set(resonant())
-    advice = next_step(RIG, [one], diagnosis=lambda: asked.append(1) or said)
-    assert advice.identified.contradicted and asked == [1] and advice.kind == "diagnose" and advice.stop is None
-    assert advice.next == PRESET and "twice the amplitude" in advice.why and "no effect explains it" in advice.notes[0]
+    advice = next_step(RIG, [one], diagnosis=lambda: calls.append(1) or said)
+    assert advice.identified.contradicted and calls == [1] and advice.kind == "diagnose" and advice.stop is None
+    assert advice.next == PRESET and "amplitude" in advice.why and "no effect explains it" in advice.notes[0]
     assert [e.amplitude for e in advice.excitations] == [2 * e.amplitude for e in RIG.protocol.excitations]
     # Once it is recorded, tuning goes on.
     again = next_step(RIG, [replace(one, files=("run1.npz", "run2.npz"))], diagnosis=lambda: said)
@@ -438,6 +439,14 @@ def test_a_failure_is_kept_away_from_and_noise_widens_what_is_claimed(monkeypatc
     assert small.share < 1 and "at once" in small.limited
 
 
+def words(change):
+    return f"a recording with {change}"
+
+
+def asked(change):
+    return Proposal(words(change), "it tells", 1.0, None, change)
+
+
 @pytest.mark.slow
 def test_a_rig_is_tuned_recording_by_recording(tmp_path):
     """Campaign folders as `maglev simulate` writes them, from a rig drawn wide, until it says stop."""
@@ -464,12 +473,15 @@ def test_a_rig_is_tuned_recording_by_recording(tmp_path):
 def test_a_diagnosing_recording_is_made_once_and_only_where_it_can_be_stated():
     one, protocol = [gain_set(true_rig())], RIG.protocol
 
-    def stated(change, sets=one):
-        return diagnosing(Disagreement("", None, "a recording", change), PRESET, protocol, sets)
+    def stated(*changes, sets=one):
+        return diagnosing(Disagreement("", None, tuple(map(asked, changes))), PRESET, protocol, sets)
 
     other = with_gains(PRESET, kp=1.2 * PRESET.kp, kd=1.5 * PRESET.kd)
-    assert stated({"gains": [1.2, 1.5]}) == (other, protocol.excitations)
-    assert stated({"gains": [1.2, 1.5]}, [*one, replace(one[0], gains=other)]) is None
-    assert stated({"excitation": {"at": "force"}}) == (PRESET, protocol.excitations)
+    gains, shaken = {"gains": [1.2, 1.5]}, {"excitation": {"at": "force"}}
+    assert stated(gains) == (words(gains), other, protocol.excitations)
+    made = [*one, replace(one[0], gains=other)]
+    assert stated(gains, sets=made) is None
+    assert stated(shaken) == (words(shaken), PRESET, protocol.excitations)
+    assert stated(gains, {"channels": ["current"]}, shaken, sets=made) == stated(shaken)  # the first that can be made
     assert stated({"offset": 1e-5}) is None and stated({}) is None
-    assert stated({"amplitude": 2.0}, [replace(one[0], files=("a", "b"))]) is None
+    assert stated({"amplitude": 2.0}, sets=[replace(one[0], files=("a", "b"))]) is None
