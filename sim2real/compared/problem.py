@@ -88,6 +88,7 @@ class Problem:
             linearised; 0 of the others.
         for_estimate: Whether what two axes may do to each other is a nuisance. In a diagnosis it is a gap, and the form
             of the amplifier's lag is a nuisance.
+        louder: How many times as loud as it looks the noise of recordings without a period is taken.
     """
 
     parts: tuple[Part, ...]
@@ -103,6 +104,7 @@ class Problem:
     bench: BenchNoise = NO_BOUND
     errors: Mapping[str, float] = field(default_factory=dict)
     for_estimate: bool = False
+    louder: float = 1.0
 
     @cached_property
     def data(self) -> np.ndarray:
@@ -344,5 +346,6 @@ def assemble(
         bench=bench,
         errors=errors,
         for_estimate=for_estimate,
+        louder=louder,
         **columns_of,
     )

@@ -49,7 +49,7 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
         if gap is None or (as_stated and lost(calibrated, left) > NO_GAP):
             return False
         beyond_doubt = attribution.calibration.fit.cost - fit.cost > CERTAIN
-        if gap >= least and not (beyond_doubt and left_on(judged, fit) < _most_of_noise(left.size)):
+        if gap >= least and not (beyond_doubt and left_on(judged, fit) < most_of_noise(left.size)):
             return False
         share, interval = closed(before, left, 0)
         return share is None or interval is None or share > MOST or interval[0] > 0
@@ -76,10 +76,10 @@ def shows_nothing(judged: Problem, attribution: Attribution, saved: float) -> bo
     if not np.isfinite(fit.cost) or not _as_stated(attribution) or fit.cost > PLAINLY * attribution.expected:
         return False
     left = judged.data - judged.simulate([fit.hypothesis.point(fit.u)])[0]
-    return bool(np.sum(np.abs(left) ** 2) < _most_of_noise(left.size))
+    return bool(np.sum(np.abs(left) ** 2) < most_of_noise(left.size))
 
 
-def _most_of_noise(count: int) -> float:
+def most_of_noise(count: int) -> float:
     """Cost of that many complex residuals beyond which there is more than noise, which is known as well as it is."""
     return 2.0 * count + SIGNIFICANT * NOISE_INFLATION * np.sqrt(4.0 * count)
 

@@ -34,12 +34,13 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     least = min((f.cost for f in fits), default=np.inf)
     enough = least + LEAST if least < 2.0 * problem.data.size else 0.0
     behind = least + WITHIN * (unexplained - least) if np.isfinite(unexplained) else 2.0 * least
-    able = [f for f in fits if enough <= f.cost <= behind and np.isfinite(f.cost) and _free(f) != f.hypothesis.shaped]
+    able = [f for f in fits if enough <= f.cost <= behind and np.isfinite(f.cost)]
+    able = [f for f in able if free_forms(f) != f.hypothesis.shaped]
     tried = sorted(able, key=lambda f: f.cost)[:most]
     jobs = []
     for f in tried:
-        h = replace(f.hypothesis, shaped=_free(f))
-        jobs += [(f, h, u) for u in (*_starts(f, h), *_sought(problem, f, h))]
+        h = replace(f.hypothesis, shaped=free_forms(f))
+        jobs += [(f, h, u) for u in (*starts(f, h), *_sought(problem, f, h))]
     freed = begin([h for _, h, _ in jobs], [u for *_, u in jobs], problem.data, problem.simulate)
     standing = [(f, new) for (f, *_), new in zip(jobs, freed, strict=True) if np.isfinite(new.cost)]
     differentiate([new for _, new in standing], problem.data, problem.simulate, True)
@@ -54,12 +55,12 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     return [better.get(id(f), f) for f in fits]
 
 
-def _free(fit: Fit) -> tuple[str, ...]:
+def free_forms(fit: Fit) -> tuple[str, ...]:
     """Effects of a fit that have other forms."""
     return tuple(name for name in fit.hypothesis.effects if shapes_of(name, fit.hypothesis.scales))
 
 
-def _starts(fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
+def starts(fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
     """Coordinates at which a fit of other forms may start: its own, and with each form moved by a standard deviation.
 
     About the plain formula a form may do nothing yet, or be at its bound.
