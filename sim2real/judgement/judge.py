@@ -151,7 +151,9 @@ def _meant_by_none(evidence: Evidence, least: float, prior: float, excused: floa
     """Logarithm of the weight of what only one effect explains alone, at parameters at which it has no meaning.
 
     A pair of names may do as well, each of which makes up for a part of it. One unknown cause is then as simple as one
-    known cause is. Where a name alone does as well, it is that.
+    known cause is. Where a name alone does as well, it is that. Where calibration leaves no more than noise does on
+    average, nothing is to be explained: a form without a meaning has a freedom, in ranges that mean nothing either, of
+    which its number of parameters says too little.
 
     Args:
         evidence: What is weighed.
@@ -160,7 +162,7 @@ def _meant_by_none(evidence: Evidence, least: float, prior: float, excused: floa
         excused: As `allowance` says.
         belief: The constants.
     """
-    if evidence.refused is None or not np.isfinite(evidence.refused).any():
+    if evidence.refused is None or not np.isfinite(evidence.refused).any() or not evidence.excess[0].sum() > 0:
         return -np.inf
     at = int(np.argmin(evidence.refused))
     alone = [cost for names, cost in zip(evidence.effects, evidence.cost, strict=True) if len(names) < 2]

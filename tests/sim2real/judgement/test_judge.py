@@ -373,6 +373,17 @@ def test_what_one_effect_explains_where_it_has_no_meaning_is_an_unknown_cause_ra
     assert judged(replace(nothing, refused=refused)) == ("no_gap", ())
 
 
+def test_a_form_without_meaning_is_no_cause_of_what_calibration_leaves_as_noise():
+    """A mode that is damped so strongly that it has no resonance, near the ends of two of its ranges, follows noise."""
+    nothing = evidence({"sensor_resonance": inf}, pairs={"sensor_resonance+support_resonance": -36.0})
+    at = nothing.effects.index(("sensor_resonance",))
+    refused, ends = np.full(nothing.cost.size, inf), np.zeros(nothing.cost.size)
+    refused[at], ends[at] = nothing.cost[0] - 42.0, 1.8
+    meaningless = replace(nothing, refused=refused, at_end=ends)
+    assert judged(replace(meaningless, excess=nothing.excess + 4.0)) == ("unexplained", ("unknown",))
+    assert judged(replace(meaningless, excess=nothing.excess - 4.0)) == ("no_gap", ())
+
+
 def test_a_block_whose_stated_time_constant_grew_lags():
     lag = {"amplifier_lag": {"time_constant": 0.0}}
     assert idle(lag, {"amplifier_time_constant": 0.56}) == 0.0
