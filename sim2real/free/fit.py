@@ -60,7 +60,7 @@ def refined(problem: Problem, fit: Fit) -> Fit:
 
 def _next(problem: Problem, base: Fit, able: Sequence[Kind], added: tuple[Kind, ...], sizes: Sizes) -> Fit | None:
     """The best fit with one more correction."""
-    looks = _looked_at(problem, base, able, added, sizes)
+    looks = looked_at(problem, base, able, added, sizes)
     if not looks:
         return None
     tried = [fit for _, fit in looks[:TRIED]]
@@ -79,7 +79,7 @@ def simplest(fits: Sequence[Fit], before: float) -> Fit:
     return min(near, key=lambda f: (f.hypothesis.size, f.cost))
 
 
-def _looked_at(
+def looked_at(
     problem: Problem, base: Fit, able: Sequence[Kind], added: tuple[Kind, ...], sizes: Sizes
 ) -> list[tuple[float, Fit]]:
     """Fits that begin at the base, with their Jacobians, and the cost that a linear prediction promises; best first."""

@@ -18,6 +18,7 @@ from sim2real.judgement.on_holdout import (
     shown_by_both,
     spoken_against,
 )
+from sim2real.judgement.one_cause import explained_by_one
 from sim2real.judgement.sightings import Sighting
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
 from sim2real.search.candidates import Attribution
@@ -79,7 +80,8 @@ class Named:
 def by_holdout(fitted: Problem, judged: Problem, judged_on: str, attribution: Attribution, weighed: Weighed) -> Named:
     """Drop what the holdout refutes, and what predicts nothing of the motion; the verdict follows from what is left.
 
-    What is most probable then is asked likewise, as long as the fitted recordings do not leave it improbable.
+    What is most probable then is asked likewise, as long as the fitted recordings do not leave it improbable. Two
+    effects together must explain more than one free correction does.
     """
     found, verdicted, cause = weighed.found, weighed.verdict, weighed.cause
     probable = {e.effects for e in found if e.probability > LEAST}
@@ -102,6 +104,12 @@ def by_holdout(fitted: Problem, judged: Problem, judged_on: str, attribution: At
             return Named("no_gap", (), found, [], [], notes)
         found = without(found, against)
         verdicted, cause = verdict(found)
+    if judged_on == "holdout" and kept and (block := explained_by_one(judged, attribution, kept)):
+        notes.append(
+            f"one correction of the {block} explains the recordings and the holdout as well as "
+            f"{' or '.join(' with '.join(e.effects) for e in kept)}: one cause without a name is simpler than two"
+        )
+        return Named("unexplained", (UNKNOWN,), without(found, kept), named, [], notes)
     if refuted:
         if verdicted == "no_gap":  # what is left speaks for calibration
             return Named(verdicted, cause, found, [], [], notes)

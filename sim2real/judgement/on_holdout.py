@@ -14,7 +14,7 @@ from sim2real.judgement.borne_out import CLEAR_GAP, PLAINLY, most_of_noise
 from sim2real.judgement.judge import Entry
 from sim2real.search.candidates import ABOUT, NO_GAP, Attribution, Candidate
 from sim2real.search.fit import Fit
-from sim2real.search.fitting import begin, iterate
+from sim2real.search.fitting import Simulate, begin, iterate
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.shaping import free_forms, starts
 
@@ -114,15 +114,21 @@ def _form_share(attribution: Attribution, candidate: int) -> float:
     return float(np.average(shares, weights=saved))
 
 
+def together(one: Problem, other: Problem) -> tuple[np.ndarray, Simulate]:
+    """Data (K,) of two problems, and what simulates them at points, (points, K)."""
+
+    def simulate(points: Sequence[Point]) -> np.ndarray:
+        return np.concatenate([one.simulate(points), other.simulate(points)], axis=1)
+
+    return np.concatenate([one.data, other.data]), simulate
+
+
 def _left_by_fits(judged: Problem, fitted: Problem, fit: Fit) -> Iterator[float]:
     """As `left_on`, with everything fitted to all recordings together; then with all forms of the effects free, too.
 
     Where the fitted recordings do not ask for another form of an effect, the holdout may.
     """
-    data = np.concatenate([fitted.data, judged.data])
-
-    def simulate(points: Sequence[Point]) -> np.ndarray:
-        return np.concatenate([fitted.simulate(points), judged.simulate(points)], axis=1)
+    data, simulate = together(fitted, judged)
 
     def least(hypothesis: Hypothesis, tried: Sequence[np.ndarray]) -> float:
         fits = begin([hypothesis] * len(tried), tried, data, simulate)
