@@ -8,7 +8,8 @@ out of reach has found something linear under the effect's name.
 
 Where a fit leaves noise alone, it is enough that noise cannot have made what the limit saves. Of friction whose
 bristles bend as far as the rotor mostly moves, and of a hysteresis under ripple, which wipes out most of the loop, only
-a small part is bent. What is linear, and not just a spring in series with a damper, leaves more.
+a small part is bent. What is linear, and not just a spring in series with a damper, leaves more. A hysteresis that
+shows nothing but its lag in time is still one where the noise of the recordings makes the ripple (`under_noise.py`).
 """
 
 from collections.abc import Mapping
@@ -20,6 +21,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.judgement.dispersion import NOISE_INFLATION
+from sim2real.judgement.under_noise import ripple_is_noise
 from sim2real.search.fit import Fit
 from sim2real.search.following import following
 
@@ -83,4 +85,6 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
     noise_alone = fit.cost < count + LEFT_SD * NOISE_INFLATION * np.sqrt(2.0 * count)
     if values.get("ripple") or noise_alone:
         share = min(share, BEYOND_NOISE * max(fit.cost / count, 1.0))
-    return cost - fit.cost > max(share, SURELY)
+    if cost - fit.cost > max(share, SURELY):
+        return True
+    return bool(values.get("ripple")) and ripple_is_noise(problem, fit, name, SHOWN * (without - fit.cost))
