@@ -83,7 +83,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     apart = (of_data - of_data.min()) / evidence.dispersion.ratio(excused)
     likelihood = -0.5 * belief.freedom * np.log1p(apart / scale)
     likelihood -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
-    logs = np.log([prior for *_, prior, _ in rows]) + _as_excused(likelihood, of_data, scale) - 0.5 * strain
+    logs = np.log([prior for *_, prior, _ in rows]) + _as_excused(likelihood, of_data, scale, strain) - 0.5 * strain
     # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, or of
     # what differs among recordings.
     named_best, *_, at_best = rows[int(np.argmin(costs))]
@@ -128,19 +128,22 @@ def _saved_by_correction(evidence: Evidence, best: int, gap: float, forms: np.nd
     return max(of_groups, float(evidence.cost[best]) - evidence.nameless - belief.group_cost)
 
 
-def _as_excused(likelihood: np.ndarray, cost: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _as_excused(likelihood: np.ndarray, cost: np.ndarray, scale: np.ndarray, strain: np.ndarray) -> np.ndarray:
     """Logarithms of likelihoods (n,), none of them below that of a hypothesis that explains less and is excused more.
 
     What a form leaves is excused because real ones differ. Where an effect without another form explains more than one
-    that is excused, that excuse would otherwise name the worse of both: a lag of any form for a plain delay.
+    that is excused, that excuse would otherwise name the worse of both: a lag of any form for a plain delay. What
+    contradicts the rig is not named whatever it is excused, by as much as it strains that more than the better one.
 
     Args:
         likelihood: Logarithms.
         cost: Costs.
         scale: What is excused, of each.
+        strain: Part of the cost that contradicts the rig, which `cost` is without.
     """
     worse = (cost >= cost[:, None]) & (scale >= scale[:, None])
-    return np.max(np.where(worse, likelihood, -np.inf), axis=1)
+    named = likelihood - 0.5 * np.maximum(strain - strain[:, None], 0.0)
+    return np.max(np.where(worse, named, -np.inf), axis=1)
 
 
 def _unlike(evidence: Evidence, saved: float, form: float, excused: float, belief: Belief) -> float:

@@ -94,6 +94,14 @@ def test_what_is_excused_names_no_worse_explanation():
     )
 
 
+@pytest.mark.parametrize(("strain", "named"), [(0.0, False), (100.0, True)])
+def test_what_contradicts_the_rig_lends_its_excuse_to_nothing(strain, named):
+    """A lag with impossible masses is not named whatever its form may leave; a delay is no more likely for it."""
+    e = gap(1e6, pairs={"amplifier_lag+mass": 0.0}, delay=1000.0, saturation=1300.0 + strain)
+    strained = np.array([strain if names == ("saturation",) else 0.0 for names in e.effects])
+    assert (probability(entries(replace(e, strain=strained)), "amplifier_lag", "mass") > 0.5) == named
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_probabilities_sum_to_one_and_fall(seed):
     rng = np.random.default_rng(seed)
