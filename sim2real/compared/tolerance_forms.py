@@ -35,8 +35,8 @@ def tolerance_forms(rig: Rig, law_is_sure: bool = True, lag_is_sure: bool = True
 
     Args:
         rig: The nominal rig.
-        law_is_sure: False: how the pull curves along the gap is a nuisance of its own, which has the forms of the
-            stiffness.
+        law_is_sure: False: how the pull curves along the gap is a nuisance of its own, about the rig as it is stated,
+            which has the forms of the stiffness.
         lag_is_sure: False: the amplifier's lag may have another form than the stated one.
     """
     if not rig.controlled:

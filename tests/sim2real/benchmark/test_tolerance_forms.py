@@ -91,6 +91,20 @@ def test_calibration_takes_up_a_stiffness_of_another_form(kind, more, request, m
     assert left[True] < 1.3 and left[False] > more * left[True], left
 
 
+@pytest.mark.parametrize("for_estimate", [False, True])
+def test_a_diagnosis_knows_the_form_of_no_stiffness_wherever_it_bends_the_law(tmp_path, for_estimate):
+    """About a law that was bent for an effect, what is unsure of its shape no longer has the form of a stiffness."""
+    rng = np.random.default_rng(3)
+    rig = draw_rig("ball", rng)
+    controller = Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"])
+    recording = Recording("one", "fit", controller, draw_drive("chirp", rig, False, 0.05, rng))
+    write_campaign(tmp_path / "c", rig, "no_force", [(recording, True, simulate(Truth(rig, {}), recording, 5))])
+    _, records = read_records(tmp_path / "c")
+    problem = problem_module.assemble(records, rest=False, for_estimate=for_estimate)
+    assert "form of the force law" in problem.nuisances.names
+    assert ("form of negative_stiffness" in problem.nuisances.names) != for_estimate
+
+
 @pytest.mark.parametrize("stated", [None, 0.1, 0.0])
 def test_a_stated_lag_has_no_stated_form_and_the_same_time(stated):
     rig = rig_from_toml(draw_rig("rotor", np.random.default_rng(4)).toml(), "rig.toml")
