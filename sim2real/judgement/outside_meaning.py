@@ -14,9 +14,8 @@ from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import Rig
 from sim2real.search.fit import Fit
-from sim2real.search.hypotheses import RESONANCES
+from sim2real.search.hypotheses import NO_RESONANCE, RESONANCES
 
-NO_RESONANCE = 0.3  # damping ratio; supports and mounts of metal, rubber or print have 0.2 at most
 STOP, FREE_PLAY = "soft_stop", 0.02  # share of the motion within which a stop must leave the rotor alone
 # Share of the field at which iron saturates that the fields in the gaps must reach. Below it a knee of any sharpness
 # bends nothing: what it does is that of a smaller force constant, which has a name of its own.

@@ -103,6 +103,7 @@ LEAST_BEYOND = 0.3
 DITHERS: Mapping[str, tuple[str, ...]] = {"hysteresis": ("hysteresis.ripple",)}
 DITHERED_AT = (0.5, 1.5, 2.5)
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
+NO_RESONANCE = 0.3  # damping ratio; supports and mounts of metal, rubber or print have 0.2 at most
 
 
 @dataclass(frozen=True)

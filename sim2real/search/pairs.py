@@ -17,6 +17,7 @@ from sim2real.search.hypotheses import (
     starts,
 )
 from sim2real.search.joint import joint_pairs
+from sim2real.search.ringing import ringing
 from sim2real.search.screening import Start, extended, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
 from sim2real.search.where_it_stands import LAW, where_it_stands
@@ -70,6 +71,7 @@ def fit_pairs(
     iterate(again, problem.data, problem.simulate, ITERATIONS)
     best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
     better = [best[f.hypothesis.effects] for f in singles]
+    found = ringing(problem, found)
     return found + _freed(problem, better, {frozenset(f.hypothesis.effects) for f in found}), better
 
 
