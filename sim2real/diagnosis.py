@@ -12,6 +12,7 @@ from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
+from sim2real.compared.commands_seen import SEEN, seen_lost
 from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
@@ -22,7 +23,6 @@ from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
 from sim2real.judgement.belief import shipped
-from sim2real.judgement.commands_seen import SEEN, seen_lost
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import likely_in_words, likely_of, rareness

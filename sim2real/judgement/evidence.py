@@ -8,11 +8,11 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS, effect_value
 from maglev_env.rig.rig import Rig
+from sim2real.compared.commands_seen import SEEN
 from sim2real.compared.drift import Drift
 from sim2real.compared.point import Point
 from sim2real.compared.problem import KINDS, Problem
 from sim2real.compared.reached import current_reached, motion_reached
-from sim2real.judgement.commands_seen import SEEN
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.judgement.lost_commands import LOST, scatter_cost
 from sim2real.judgement.on_one_line import acts_on_one_line

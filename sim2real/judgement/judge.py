@@ -7,9 +7,9 @@ from math import inf, isfinite
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.commands_seen import SEEN
 from sim2real.compared.drift import DRIFT
 from sim2real.judgement.belief import Belief, Judge, channels_of, shipped
-from sim2real.judgement.commands_seen import SEEN
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.sightings import FOREIGN, LOUD

@@ -10,11 +10,11 @@ import numpy as np
 import scipy.signal
 
 from estimation.lines.line_windows import KEPT, POOLED
+from sim2real.compared.commands_seen import LOST
 from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.fit import NOT_TOLD, Fit
 
-LOST = "dropped_samples"
 RINGS = 2.0  # times the responses of the windows beside it that of a window in which a plant rings has
 AWAY = (0.0, -1.0, 1.0, -2.0, 2.0)  # standard errors from the fitted probability at which the scatter is asked
 DRAWS = 64  # of the scatter, whose mean powers tell where it is

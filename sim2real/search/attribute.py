@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim2real.compared.commands_seen import LOST, share_lost
 from sim2real.compared.drift import drift_of
 from sim2real.compared.point import DITHERED, MAY_BE_DITHERED, NOMINAL, tolerances, unseen_by_all
 from sim2real.compared.problem import Problem
@@ -58,7 +59,9 @@ def attribute(
         hidden |= {DRIFTING}
     allowed = tolerances(rig)
     progress("calibration")
-    base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig), own=rig.effects)
+    lost = share_lost(problem)
+    seen = {LOST: lost} if lost is not None else {}
+    base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig), own=rig.effects, seen=seen)
     untouched, *calibration = begin([base] * 2, [np.zeros(base.size)] * 2, problem.data, problem.simulate)
     nominal = untouched.cost
     if np.isfinite(nominal):

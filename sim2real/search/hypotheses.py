@@ -122,6 +122,7 @@ class Hypothesis:
         given: Effect -> values of coordinates of its form that are known.
         own: Effects that the nominal rig has of its own. One that is fitted stands in its place; its change of a
             nominal parameter begins at the own value, which is where a stated tolerance is centred.
+        seen: Effects that recordings show apart from any simulation, each with the range of its size.
     """
 
     effects: tuple[str, ...]
@@ -133,6 +134,7 @@ class Hypothesis:
     held: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     given: Mapping[str, Mapping[str, float]] = field(default_factory=dict, kw_only=True)
     own: Effects = field(default_factory=dict, kw_only=True)
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict, kw_only=True)
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -149,10 +151,12 @@ class Hypothesis:
         return replace(c, centre=effect_value(self.own, c.effect, c.parameter))
 
     def _possible(self, c: Coordinate) -> Coordinate:
-        """A coordinate within what the rig states, where it is one of several effects.
+        """A coordinate within what is seen of it, and within what the rig states where it is one of several effects.
 
         One effect alone may show that a tolerance is wrong. Beside it any other one would seem to explain as much.
         """
+        low, high = self.seen.get(c.effect, (-inf, inf))
+        c = replace(c, low=max(c.low, low), high=min(c.high, high))
         sd = self._prior_sd(c) if len(self.effects) > 1 else None
         most = inf if sd is None else EXCLUDED * sd
         return replace(c, low=max(c.low, c.centre - most), high=min(c.high, c.centre + most))
@@ -165,7 +169,7 @@ class Hypothesis:
     def instead(self, *effects: str) -> "Hypothesis":
         """Other effects on the same rig; the form stays free of those that stay."""
         kept = tuple(name for name in self.shaped if name in effects)
-        return Hypothesis(effects, self.tolerances, scales=self.scales, shaped=kept, usual=self.usual, own=self.own)
+        return replace(self, effects=effects, dithered=False, shaped=kept, held={}, given={})
 
     @property
     def calibrated(self) -> tuple[str, ...]:

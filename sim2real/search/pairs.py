@@ -1,6 +1,6 @@
 """Two effects fitted together: the most promising pairs, found by a linear prediction."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -61,7 +61,9 @@ def fit_pairs(
     able = (f for f in possible if np.isfinite(f.cost) and f.cost <= enough)
     found = [*known]
     if not found:
-        found = _round(problem, singles, sorted(able, key=lambda f: f.cost)[:SEEDS], ())
+        # Without what is seen apart from any simulation nothing explains, however little it explains alone.
+        sure = [f for f in possible if np.isfinite(f.cost) and f.hypothesis.effects[0] in f.hypothesis.seen]
+        found = _round(problem, singles, sure or sorted(able, key=lambda f: f.cost)[:SEEDS], ())
         found += _together(problem, bases, singles, found)
     if not min((f.cost for f in found), default=np.inf) < least - SECOND:
         return found + _freed(problem, singles, {frozenset(f.hypothesis.effects) for f in found}), list(singles)
@@ -116,6 +118,11 @@ def _another_law(problem: Problem, h: Hypothesis, singles: Sequence[Fit]) -> lis
         return []
     iterate([fit], problem.data, problem.simulate, FIRST + ITERATIONS)
     return [fit]
+
+
+def _beside_which(h: Hypothesis, alone: Mapping[str, float]) -> float:
+    """Least cost of the single effects of a pair; that of the one that is seen, where one is."""
+    return min(alone[name] for name in ([name for name in h.effects if name in h.seen] or h.effects))
 
 
 def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.ndarray:
@@ -188,6 +195,6 @@ def _round(
     alone = {f.hypothesis.effects[0]: f.cost for f in singles}
     for f in fits:
         share_calibrations([f], of[f.hypothesis.effects[0]])
-    below = [min(alone[name] for name in f.hypothesis.effects) - SECOND for f in fits]
+    below = [_beside_which(f.hypothesis, alone) - SECOND for f in fits]
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS, below)
     return fits

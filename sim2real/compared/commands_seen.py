@@ -4,23 +4,59 @@ From one control sample to the next the current moves toward what the amplifier 
 moves it toward something that always depends on the commands in the same way; where a command was lost, it moves toward
 the last one that was not. Both are fitted to all samples, and their likelihoods are compared. Losses must also be
 independent of one another: in a limit, a command that does not arrive is followed by others.
+
+How many are lost is counted where the command differs enough from the one before. On average a loop that loses commands
+is one that comes late, so that a simulation alone would make up for a delay by more of them.
 """
+
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.recorded.open_record import OpenRecord
 
-SEEN = "lost commands"  # the family of this evidence
+SEEN, LOST = "lost commands", "dropped_samples"  # the family of this evidence, and the effect that it is of
 LEAST = 60.0  # twice the difference of log-likelihoods from which on commands were lost
 FEWEST = 200  # samples
 ROUNDS = 4  # of telling which were lost, and fitting again
 LATEST, LAGS = 24, 8  # samples by which a command may come late, and over which a lag may spread it
 HINGES = (0.02, 0.1, 0.25, 0.75, 0.9, 0.98)  # quantiles of the command at which a limit may bend it
 TELLING = 4.0  # standard deviations by which a command must differ from the last one to tell whether it was lost
+COUNTED = 10.0  # and by which it must where losses are counted: one in forty would be taken for one of TELLING
 EXACT = 1e-7  # of the current's range: what rounding leaves where the rival explains all
 ALIKE = 0.15  # most difference of the shares that are lost after one that was lost and after one that was not
 CURRENT = "current"
+# Standard deviations of a counted share within which the probability is sought, and what a count is unsure by beside
+# chance: of four recordings it was off by 3 % at most.
+WITHIN, UNSURE = 2.5, 0.05
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """What the current of one axis shows.
+
+    Attributes:
+        likelier: Twice the logarithm of the likelihood ratio of lost commands; 0 where there are none.
+        lost: Commands that were lost among those that are told.
+        told: Samples at which a loss is told beyond doubt.
+    """
+
+    likelier: float = 0.0
+    lost: int = 0
+    told: int = 0
+
+
+def share_lost(problem: Problem) -> tuple[float, float] | None:
+    """Least and greatest probability of a loss by what was counted; None where the recordings show none."""
+    looked = [own for record in _able(problem) for own in record if own.likelier > LEAST]
+    told = sum(own.told for own in looked)
+    if told < FEWEST:
+        return None
+    share = sum(own.lost for own in looked) / told
+    sd = float(np.hypot(np.sqrt(share * (1 - share) / told), UNSURE * share))
+    return max(share - WITHIN * sd, 0.0), share + WITHIN * sd
 
 
 def seen_lost(problem: Problem) -> float:
@@ -29,21 +65,24 @@ def seen_lost(problem: Problem) -> float:
     It is that of all recordings without a period that hold command and current at the control rate; 0 where they show
     none.
     """
-    total = 0.0
+    totals = (sum(own.likelier for own in record) for record in _able(problem))
+    return sum(total for total in totals if total > LEAST)
+
+
+def _able(problem: Problem) -> Iterator[list[_Looked]]:
+    """What each recording shows that holds command and current at the control rate, axis by axis."""
     for part in problem.parts:
         record = part.record
         if isinstance(record, OpenRecord) and record.every == 1 and CURRENT in record.series:
             pairs = zip(record.series[CURRENT], record.command, strict=True)
-            found = sum(_likelier(i[record.first :], u[record.first :]) for i, u in pairs)
-            total += found if found > LEAST else 0.0
-    return total
+            yield [_looked(i[record.first :], u[record.first :]) for i, u in pairs]
 
 
-def _likelier(current: np.ndarray, command: np.ndarray) -> float:
-    """The likelihood ratio of one axis: series (samples,), A."""
+def _looked(current: np.ndarray, command: np.ndarray) -> _Looked:
+    """What one axis shows: series (samples,), A."""
     n = current.size - LATEST - LAGS - 2
     if n < FEWEST or np.ptp(command) == 0 or np.ptp(current) == 0:
-        return 0.0
+        return _Looked()
     after, before, one = current[-n:], current[-n - 1 : -1], np.ones(n)
     own = [before, current[-n - 2 : -2], one]
 
@@ -57,7 +96,7 @@ def _likelier(current: np.ndarray, command: np.ndarray) -> float:
     spread = [late(shift + k) for k in range(LAGS)]
     coefficients, rest = _fitted(np.column_stack([*own, *spread, *bent]), after)
     if rest < (EXACT * np.ptp(current)) ** 2:
-        return 0.0
+        return _Looked()
     rate = float(np.clip(coefficients[0] + coefficients[1], 0.0, 0.999))
     slope = np.array([rate, 1 - rate, 0.0])
     for _ in range(ROUNDS):
@@ -65,18 +104,19 @@ def _likelier(current: np.ndarray, command: np.ndarray) -> float:
         share = float(np.clip(lost.mean(), 1 / n, 1 - 1 / n))
         slope, left = _fitted(np.column_stack([before, reached / slope[1], one]), after)
         if slope[1] <= 0:
-            return 0.0
-    if not _one_as_another(slope[1] * sent, reached, lost, TELLING * np.sqrt(left)):
-        return 0.0
+            return _Looked()
+    toward = slope[1] * sent
+    differs = abs(toward - np.concatenate([toward[:1], reached[:-1]])) / np.sqrt(left)
+    if not _one_as_another(lost, differs > TELLING):
+        return _Looked()
+    surely = differs > COUNTED
     # Of the mixture, the more probable half of each sample alone counts: its likelihood is rather larger.
     choices = lost.sum() * np.log(share) + (n - lost.sum()) * np.log(1 - share)
-    return float(n * np.log(rest / left) + 2 * choices)
+    return _Looked(float(n * np.log(rest / left) + 2 * choices), int(lost[surely].sum()), int(surely.sum()))
 
 
-def _one_as_another(toward: np.ndarray, reached: np.ndarray, lost: np.ndarray, telling: float) -> bool:
+def _one_as_another(lost: np.ndarray, told: np.ndarray) -> bool:
     """Whether commands are lost independently of whether the one before was, judged where a loss can be told."""
-    last = np.concatenate([toward[:1], reached[:-1]])
-    told = abs(toward - last) > telling
     both = told[1:] & told[:-1]
     before, now = lost[:-1][both], lost[1:][both]
     if not before.any() or before.all():

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from sim2real.judgement.commands_seen import LEAST, _likelier
+from sim2real.compared import commands_seen
+from sim2real.compared.commands_seen import LEAST, LOST, UNSURE, WITHIN, _Looked, _looked, share_lost
+from sim2real.search.hypotheses import Hypothesis
 
 RATE, SAMPLES, TIME = 2000.0, 4000, 8e-4
 KEEPS = np.exp(-1 / RATE / TIME)
@@ -36,7 +38,23 @@ def with_lost(u, lost, rng):
 def test_what_is_lost_is_seen(lost, noise, drive):
     rng = np.random.default_rng(3)
     u = {"chirp": command, "multisine": multisine}[drive](rng)
-    assert _likelier(amplified(with_lost(u, lost, rng), rng, noise), u) > LEAST
+    own = _looked(amplified(with_lost(u, lost, rng), rng, noise), u)
+    assert own.likelier > LEAST
+    sd = np.hypot(UNSURE * lost, np.sqrt(lost * (1 - lost) / own.told))
+    assert abs(own.lost / own.told - lost) < WITHIN * sd
+
+
+def test_no_hypothesis_loses_more_commands_than_are_seen_lost(monkeypatch):
+    """On average a delay is as good as more of them."""
+    looked = _Looked(100.0, 130, 1000)
+    monkeypatch.setattr(commands_seen, "_able", lambda problem: [[looked], [_Looked(3.0, 400, 800)]])
+    low, high = share_lost(None)
+    assert 0.09 < low < 0.11 and 0.15 < high < 0.17
+    h = Hypothesis((), {}, seen={LOST: (low, high)}).instead("delay", LOST)
+    u = np.array([c.at({"time": 3e-5, "probability": 0.3}[c.parameter]) for c in h.coordinates])
+    assert h.point(h.bounded(u)).effects[LOST]["probability"] == pytest.approx(high)
+    monkeypatch.setattr(commands_seen, "_able", lambda problem: [[_Looked(3.0, 400, 800)]])
+    assert share_lost(None) is None
 
 
 def steps(rng):
@@ -70,10 +88,10 @@ def test_nothing_else_seems_lost(kind, drive, noise):
         "noisy command": u + 0.02 * rng.standard_normal(SAMPLES),
         "dead band": u - 0.01 * np.tanh(u / 0.01),
     }[kind]
-    assert _likelier(amplified(sent, rng, noise), u) < LEAST
+    assert _looked(amplified(sent, rng, noise), u).likelier < LEAST
 
 
 def test_a_current_or_a_command_that_stands_still_shows_nothing():
     rng = np.random.default_rng(5)
-    assert _likelier(np.zeros(SAMPLES), command(rng)) == _likelier(command(rng), np.zeros(SAMPLES)) == 0.0
-    assert _likelier(command(rng)[:50], command(rng)[:50]) == 0.0
+    assert _looked(np.zeros(SAMPLES), command(rng)).likelier == _looked(command(rng), np.zeros(SAMPLES)).likelier == 0.0
+    assert _looked(command(rng)[:50], command(rng)[:50]).likelier == 0.0
