@@ -8,6 +8,7 @@ import numpy as np
 from sim2real.compared.point import TOLERANCE_EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.recorded.drifting import DRIFTING
+from sim2real.search.along_law import along_law
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
@@ -73,7 +74,7 @@ def fit_pairs(
     iterate(again, problem.data, problem.simulate, ITERATIONS)
     best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
     better = [best[f.hypothesis.effects] for f in singles]
-    found = ringing(problem, found)
+    found = along_law(problem, ringing(problem, found))
     return found + _freed(problem, better, {frozenset(f.hypothesis.effects) for f in found}), better
 
 
