@@ -5,16 +5,15 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-import scipy
 
 from estimation.actuator import ActuatorEstimate
 from estimation.lines.periods import LineStatistics
-from estimation.normal import NORMAL_95, variance_of_difference
+from estimation.normal import freedom_of_sum, reach, variance_of_difference
 
 GROWTH = 2 ** (1 / 3)  # from a band's lower to its upper edge, where it then holds enough lines
 LINES = 3  # least lines of a band of a record with a period
 TOLD = 0.5  # relative standard error from which a band tells nothing
-SURE = 0.95  # of the intervals of all bands together
+SURE = 0.95  # of an interval, and of those of all bands together
 SURELY = 2.0  # standard errors from which a positive damping counts as damping
 
 
@@ -32,6 +31,7 @@ class BandGain:
         sign: Of the one gain of all frequencies, beside which the phase is counted; -1 where a current in the opposite
             direction makes the force.
         own_se: What of the standard error of its size no other band shares, N/A; 0 where that is not told.
+        freedom: Degrees of freedom of that error; infinite where it is known.
     """
 
     f_lo: float
@@ -43,26 +43,32 @@ class BandGain:
     of_each: Mapping[str, complex] = field(default_factory=dict)
     sign: float = 1.0
     own_se: float = 0.0
+    freedom: float = np.inf
 
     @property
     def size(self) -> tuple[float, float, float]:
         """Size and its 95 % interval, N/A."""
-        return self.size_within(NORMAL_95)
+        return self.size_within(SURE)
 
     @property
     def phase(self) -> tuple[float, float, float]:
         """Phase and its 95 % interval, degrees; negative is late."""
-        return self.phase_within(NORMAL_95)
+        return self.phase_within(SURE)
 
-    def size_within(self, errors: float) -> tuple[float, float, float]:
-        """Size and an interval of so many standard errors to either side, N/A."""
-        half = errors * self.size_se
+    def size_within(self, level: float) -> tuple[float, float, float]:
+        """Size and an interval that holds it with a probability, N/A."""
+        half = self._reach(self.size_se, self.own_se, level)
         return abs(self.gain), max(abs(self.gain) - half, 0.0), abs(self.gain) + half
 
-    def phase_within(self, errors: float) -> tuple[float, float, float]:
-        """Phase and an interval of so many standard errors to either side, degrees."""
-        angle, half = self.phase_of(self.gain), np.degrees(errors * self.phase_se)
+    def phase_within(self, level: float) -> tuple[float, float, float]:
+        """Phase and an interval that holds it with a probability, degrees."""
+        own = self.own_se / abs(self.gain) if self.own_se else 0.0
+        angle, half = self.phase_of(self.gain), np.degrees(self._reach(self.phase_se, own, level))
         return angle, float(angle - half), float(angle + half)
+
+    def _reach(self, se: float, own: float, level: float) -> float:
+        """Half an interval: what the lines of one band show of their noise, few of them tell with few freedoms."""
+        return float(se * reach(freedom_of_sum(self.freedom, np.square(own), np.square(se)), level))
 
     def phase_of(self, gain: complex) -> float:
         """Phase of a gain of this band, degrees; negative is late."""
@@ -121,11 +127,11 @@ class ApparentGain:
 
     @property
     def together(self) -> float:
-        """Standard errors to either side within which all bands lie with 95 % (Bonferroni).
+        """Probability with which each band must lie in its interval for all of them to do so with 95 % (Bonferroni).
 
         One band picked out of many is the one that chance moved most, so that 95 % of each are not enough for it.
         """
-        return float(scipy.stats.norm.isf((1 - SURE) / (2 * len(self.bands))))
+        return 1 - (1 - SURE) / len(self.bands)
 
     @property
     def extremes(self) -> tuple[BandGain, BandGain] | None:
@@ -211,7 +217,7 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
         centre = float(np.sum(weight * abs(moved) ** 2 * f[on]) / power)
         # What is left is also of a gain that changes in the band.
         left = abs(y[on] - factor * moved) ** 2 * moved.size / max(moved.size - 1, 1)
-        noise = float(max(np.sum(abs(share) ** 2 * v) for v in (variance, left)) / 2)
+        noise, freedom = max(_of_noise(abs(share) ** 2 * v, p) for v, p in ((variance, force.periods), (left, 2)))
         known = np.stack([np.full(moved.size, actuator.stiffness_se), 1j * w[on] * damping_se])
         common = loose * np.sum(known * share * moved / dynamic[on], axis=1)
         if tells(noise, factor, common.real):
@@ -219,8 +225,15 @@ def periodic_gain(force: LineStatistics, mass: float, actuator: ActuatorEstimate
             size, phase = (np.sqrt(relative + np.sum(part**2)) for part in (common.real, common.imag))
             gain, sign = actuator.gain * factor, float(np.sign(actuator.gain))
             own = float(np.sqrt(noise)) * abs(actuator.gain)
-            size_se = float(size) * abs(gain)
-            found.append(BandGain(low, high, centre, gain, size_se, float(phase), sign=sign, own_se=own))
+            errors = {"size_se": float(size) * abs(gain), "phase_se": float(phase), "own_se": own, "freedom": freedom}
+            found.append(BandGain(low, high, centre, gain, sign=sign, **errors))
     if not found:
         return None
     return ApparentGain(tuple(found), actuator.stiffness, actuator.stiffness_se, "identified", damping)
+
+
+def _of_noise(parts: np.ndarray, periods: int) -> tuple[float, float]:
+    """Noise of the real part of a factor, by that of its lines (n,), and its freedoms."""
+    # The square of a sample variance is P / (P - 1) times the true square (Satterthwaite).
+    several = 2 * periods * parts.sum() ** 2 / np.sum(parts**2) if parts.any() else np.inf
+    return float(parts.sum() / 2), float(min(several, 2 * (periods - 1) * parts.size))

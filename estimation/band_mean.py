@@ -22,7 +22,7 @@ from numpy.polynomial.legendre import legval, legvander
 
 from estimation.bands import band_slices
 from estimation.lines.periods import LineStatistics
-from estimation.normal import NOISELESS, variance_of_difference
+from estimation.normal import NOISELESS, reach, variance_of_difference
 
 DEGREE = 2
 SPARE = 4  # lines beyond one for each coefficient of k, so that what is left tells the distortion
@@ -110,13 +110,13 @@ def band_mean(
     distorted = 1 - float(np.mean(variance(z, np.zeros(f.size)) / variance(z, distortion)))
     share = np.sum(abs(moved) ** 2) / np.sum(abs(statistics.amplitude("displacement")) ** 2)
     covariance[0, 0] *= 1 + PARTNERS * share * distorted
-    reach = float(scipy.stats.t.ppf((1 + level) / 2, spare))
+    half = float(reach(spare, level))
 
     def mean(coefficients: np.ndarray, square: float) -> BandMean:
         value, se = float(coefficients[0]), float(np.sqrt(square))
         curve = legval(GRID, coefficients)
         inside = (float(curve.min()), float(curve.max())) if degree else None
-        return BandMean(value, se, value - reach * se, value + reach * se, inside)
+        return BandMean(value, se, value - half * se, value + half * se, inside)
 
     k, c = np.split(found.x * size, 2)
     return mean(k, covariance[0, 0]), mean(c, covariance[degree + 1, degree + 1])

@@ -11,7 +11,7 @@ import scipy
 
 from estimation.bands import band_slices
 from estimation.lines.periods import LineStatistics
-from estimation.normal import NOISELESS
+from estimation.normal import NOISELESS, reach
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def maximum_likelihood(
     found = estimate(own, statistics.periods)
     ends = np.full((4, *found.cost.shape), np.nan)
     if intervals:
-        threshold = scipy.special.stdtrit(found.freedom, (1 + level) / 2) ** 2 / 2 * found.ratio
+        threshold = reach(found.freedom, level) ** 2 / 2 * found.ratio
         ends = bounds(own, found, threshold)
     freedom = found.cost_freedom
     fit_p = scipy.special.fdtrc(freedom, freedom * (statistics.periods - 1), found.cost / found.expected)

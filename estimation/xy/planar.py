@@ -16,6 +16,7 @@ from estimation.band_mean import PARTNERS
 from estimation.bands import band_slices
 from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
+from estimation.normal import reach
 from estimation.xy.planar_distortion import distorted
 from estimation.xy.planar_lines import CHANNELS, Mass, PlanarLines, checked_masses, equation_rows, planar_lines
 
@@ -282,7 +283,7 @@ def _search(
     planar_likelihood.estimate(u, pooled, own, *rest, lines.periods, starts, found, inverses)
     ends = np.full((len(masses), 8, 2), np.nan)
     if level is not None:
-        threshold = scipy.special.stdtrit(found[:, 24:32], (1 + level) / 2) ** 2 / 2 * found[:, 16:24]
+        threshold = reach(found[:, 24:32], level) ** 2 / 2 * found[:, 16:24]
         planar_likelihood.bounds(u, pooled, *rest, found, inverses, threshold, ends)
     return found, ends
 

@@ -47,6 +47,26 @@ def test_intervals_cover():
     assert (covered > 0.93).all()  # the stiffness of the same lines counts as independent, so they are wide
 
 
+@pytest.mark.parametrize("periods", [2, 3])
+def test_intervals_cover_where_few_periods_tell_the_noise(periods):
+    """Bands of three lines tell their noise with six freedoms over two periods; twelve bands must hold together."""
+    known = replace(actuator_estimate(spectra(GAIN), MASS), gain=GAIN, stiffness=K, stiffness_se=0.0, damping=0.0,
+                    damping_se=0.0, cost_ratio=1.0)  # fmt: skip
+    draws, records = draw(replace(spectra(GAIN, noise=1.0), periods=periods), 400, seed=7), 400
+    inside, together = [], []
+    for i in range(records):
+        found = periodic_gain(as_force(record(draws, i), "current", GAIN), MASS, known)
+        ends = [(b.size[1:], b.phase[1:]) for b in found.bands]
+        inside += [(low <= GAIN <= high, early <= 0 <= late) for (low, high), (early, late) in ends]
+        level = found.together
+        sizes, phases = [[getattr(b, f"{name}_within")(level)[1:] for b in found.bands] for name in ("size", "phase")]
+        together.append(
+            [all(low <= GAIN <= high for low, high in sizes), all(low <= 0 <= high for low, high in phases)]
+        )
+    assert (np.mean(inside, axis=0) > 0.935).all()
+    assert (np.mean(together, axis=0) > 0.93).all()
+
+
 def test_noise_of_the_lines_is_in_the_errors_where_the_rest_is_known():
     known = replace(actuator_estimate(spectra(GAIN), MASS), gain=GAIN, stiffness=K, stiffness_se=0.0, damping=0.0,
                     damping_se=0.0, cost_ratio=1.0)  # fmt: skip
