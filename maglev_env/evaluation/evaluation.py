@@ -31,7 +31,7 @@ class Evaluation(Presented):
         stiffness_low, stiffness_high, damping_low, damping_high: Their 95 % bounds.
         ls_stiffness, ls_damping: Their least-squares values.
         margins: Margins by name, (n,); nan where the crossing lies outside the injection lines.
-        peak_sensitivity_se: Standard error.
+        peak_sensitivity_se: Standard error, wider for the few periods that tell it: 1.96 of it hold 95 %.
         peak_displacement: m.
         current_rms: A.
         touchdown_time: s.

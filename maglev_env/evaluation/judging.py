@@ -7,10 +7,11 @@ import numpy as np
 
 from estimation.bands import band_slices, sliding_bands
 from estimation.least_squares import least_squares
-from estimation.lines.frequency_response import frequency_response, pooled_variance
+from estimation.lines.frequency_response import POOL, frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
 from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
+from estimation.normal import widening
 from estimation.stability_margins import margin_arrays
 from maglev_env.evaluation.devices import Prepared
 from maglev_env.evaluation.evaluation import Evaluation, joined
@@ -191,11 +192,13 @@ def _of_axis(
     injection = _at_lines(simulated, first, axis, "current", read)
     controllers = [of_axis(e.gains, axis) for e, lives in zip(experiments, alive, strict=True) if lives]
     sensitivity, variance = injected_sensitivity(injection, controllers, whole.rig.control_rate)
+    # The noise of S is averaged in proportion to |S|^2, as it enters at one place of the loop: that of a single line is
+    # told by few periods, and the peak is the line that noise raised most, not the one whose noise looks large.
+    size = np.abs(sensitivity) ** 2
+    variance = pooled_variance(variance / size) * size
     if goal:
-        # The noise of S is averaged in proportion to |S|^2, as it enters at one place of the loop.
-        size = np.abs(sensitivity) ** 2
-        noise = pooled_variance(variance / size) * size
-        sensitivity, variance = smooth_closed_loop(injection.frequency, sensitivity, noise)
+        sensitivity, variance = smooth_closed_loop(injection.frequency, sensitivity, variance)
+    variance = variance * widening(2 * POOL * (injection.periods - 1)) ** 2
     margins = margin_arrays(injection.frequency, sensitivity)
     nearest = np.abs(np.log(injection.frequency / margins["peak_frequency"][:, None])).argmin(axis=1)
     probe = np.array([rig.sensor_time_constant for rig in rigs])[alive]

@@ -7,11 +7,11 @@ import numpy as np
 import scipy
 
 from estimation.gain_margin import at_rest, gain_factors
-from estimation.lines.frequency_response import frequency_response, pooled_variance
+from estimation.lines.frequency_response import POOL, frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
 from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.margin_errors import margin_errors
-from estimation.normal import NORMAL_95
+from estimation.normal import NORMAL_95, widening
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.blocks import Block
 from maglev_env.kernel.events import Event, simulated_events
@@ -258,7 +258,8 @@ def _compliance(force: LineStatistics, requirement: Requirement | None) -> Measu
     response, variance = smooth_closed_loop(frequency, response, pooled_variance(variance), receptance=True)
     size = np.abs(response[:, inside])
     at = np.arange(len(size)), size.argmax(axis=1)
-    return _with_error(size[at], np.sqrt(variance[:, inside][at] / 2))
+    few = widening(2 * POOL * (force.periods - 1))
+    return _with_error(size[at], few * np.sqrt(variance[:, inside][at] / 2))
 
 
 def _with_error(value: np.ndarray, se: np.ndarray) -> Measured:
