@@ -28,12 +28,14 @@ class Crossed:
         rig: name of a preset.
         amplitude: factor of the amplitude of the protocol's force.
         bench: what disturbs the recordings as noise does.
+        periods: that are kept; None for those of the protocol.
     """
 
     title: str
     rig: str = "hmb_radial"
     amplitude: float = 1.0
     bench: Disturbed = QUIET
+    periods: int | None = None
 
     @property
     def nominal(self) -> Rig:
@@ -55,6 +57,7 @@ class Crossed:
                         self.nominal,
                     ),
                 ),
+                periods=self.periods or first.periods,
                 seed=(seed, draw, i),
             )
             for i, direction in enumerate(DIRECTIONS)
@@ -99,4 +102,5 @@ CROSSED: Mapping[str, Crossed] = {
     "crossed_large": Crossed("the same with three times the force", amplitude=3.0),
     "crossed_bent": Crossed("the same with ten times the force, which the magnets' law bends", amplitude=10.0),
     "crossed_turning": Crossed("the same with a rotor at 6,000 to 8,000 rpm", bench=Disturbed(turning=True)),
+    "crossed_three_periods": Crossed("x-y: the preset hmb_radial, three periods", periods=3),
 }
