@@ -18,6 +18,9 @@ from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_o
 
 WIDE_FORM = 0.01
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
+SURELY_BEHIND = 60.0  # cost behind a pair without a residue from which on another form is hardly believed
+BY_CHANCE = 0.001  # the same as a share of the gap
+BESIDE_WHOLE = 0.05  # share of what another form may leave that is then still believed
 SURELY = 12.0  # cost that an effect must save beyond all named ones to show something although it has no meaning
 HOPELESS = 1e4  # ratio of probabilities from which on the smaller one does not matter
 OPEN = (FOREIGN, LOUD, DRIFT, SEEN)  # families of what varies over time that need not have a known cause
@@ -217,8 +220,9 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
     """Cost that another form of the effects of each candidate may leave.
 
     It is a share of what each effect saves beside the candidate's other effects, or of the whole gap where that is not
-    known. Of two that may stand for each other either saves little beside the other; of what both save, the smaller of
-    their shares remains in any case. Nothing is excused more than it explains.
+    known; less, where a pair leaves nothing (`_behind_a_whole_pair`). Of two that may stand for each other either saves
+    little beside the other; of what both save, the smaller of their shares remains in any case. Nothing is excused more
+    than it explains.
     """
     costs = evidence.cost.tolist()  # plain numbers: candidates are many, and their effects one or two
     cost = {frozenset(names): c for names, c in zip(evidence.effects, costs, strict=True)}
@@ -231,7 +235,23 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
         saved = [min(max(other - costs[i], 0.0), gap) for other in others]
         explained = min(max(costs[0] - costs[i], 0.0), gap)
         found[i] += min(max(float(np.dot(shares, saved)), min(shares) * explained), explained)
-    return found
+    return np.where(_behind_a_whole_pair(evidence, gap), BESIDE_WHOLE * found, found)
+
+
+def _behind_a_whole_pair(evidence: Evidence, gap: float) -> np.ndarray:
+    """Whether each candidate leaves surely more than a pair that leaves nothing but noise.
+
+    Another form leaves what no other effect has. Where a second effect takes all of it away, down to the noise of every
+    recording, it was hardly a matter of form: a stop that explains nearly the whole motion would otherwise hide a lag
+    beside it, which is small against what a form of the stop may leave. What is below a small share of the whole gap
+    any effect may happen to take away.
+    """
+    noise = 2.0 * float(np.sqrt((evidence.scatter**2).sum()))
+    whole = [
+        cost for names, cost, excess in zip(evidence.effects, evidence.cost, evidence.excess, strict=True)
+        if len(names) == 2 and excess.sum() <= noise
+    ]  # fmt: skip
+    return evidence.cost > min(whole, default=inf) + max(SURELY_BEHIND, BY_CHANCE * gap)
 
 
 _Row = tuple[tuple[str, ...], float, float, int | None]

@@ -73,6 +73,13 @@ def test_what_two_effects_save_is_shared_among_them():
     assert allowance(apart) == pytest.approx(Judge().belief.leftover * (base + sum(shares) * 6e4))
 
 
+@pytest.mark.parametrize(("left", "named"), [(0.0, ("saturation", "delay")), (300.0, ("saturation",))])
+def test_a_second_effect_that_takes_the_residue_away_is_not_a_matter_of_form(left, named):
+    """A saturation leaves 140 of 48,000, of which another form of it may leave 2,400, and a delay takes that away."""
+    found = judged(gap(48e3, saturation=140.0 + left, pairs={"saturation+delay": left}))
+    assert found == ("explained", named)
+
+
 @pytest.mark.parametrize(("motion", "named"), [(inf, "friction"), (1e6, "unknown")])
 def test_no_form_is_excused_a_share_of_more_than_the_motion(motion, named):
     """A rotor that nearly falls without an effect moves far more than it was seen to."""
@@ -97,7 +104,7 @@ def test_what_is_excused_names_no_worse_explanation():
 @pytest.mark.parametrize(("strain", "named"), [(0.0, False), (100.0, True)])
 def test_what_contradicts_the_rig_lends_its_excuse_to_nothing(strain, named):
     """A lag with impossible masses is not named whatever its form may leave; a delay is no more likely for it."""
-    e = gap(1e6, pairs={"amplifier_lag+mass": 0.0}, delay=1000.0, saturation=1300.0 + strain)
+    e = gap(2e6, pairs={"amplifier_lag+mass": 0.0}, delay=1000.0, saturation=1300.0 + strain)
     strained = np.array([strain if names == ("saturation",) else 0.0 for names in e.effects])
     assert (probability(entries(replace(e, strain=strained)), "amplifier_lag", "mass") > 0.5) == named
 
