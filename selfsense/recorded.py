@@ -16,7 +16,7 @@ from selfsense.kernel_pieces import SensorStructure, sensor_pieces
 from selfsense.kernel_rows import ESTIMATE, FORWARD, MODEL, SENSOR_ROWS
 from selfsense.sensor import Estimator, SelfSensor, sensor_rows
 from selfsense.supply import Acquisition, Supply, check_rates
-from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, WRONG_READING, Stretch, gap_validity
+from selfsense.validity import AT_END, CLIPPED, CONVERGING, LOST, NO_RIPPLE, WRONG_READING, Stretch, gap_validity
 
 W = LANES
 _CARRIER = 0.05  # least share of the power: pulses of 3 % duty hold more in their fundamental, white noise less
@@ -24,6 +24,7 @@ MOST_PERIODS = 0.9  # of a record, which show what is usual
 UNUSUAL = 4.0  # times what is usual
 WRONG = 0.05  # of the ripple from peak to peak
 _REMEDIES = {
+    LOST: "they are missing in the file; record again without losses",
     CLIPPED: "the current stays on the end of its converter's range; check its scale, or widen that range",
     WRONG_READING: "single readings of current or voltage fit no other; look for lost or disturbed samples",
     NO_RIPPLE: "the current carries no ripple of the switching voltage; check both channels, their scales and the duty",
@@ -62,6 +63,7 @@ def estimate_recorded(
     current_range: float,
     voltage_sampling: Literal["mean", "point"] = "mean",
     pwm_frequency: float | None = None,
+    lost: ArrayLike = False,
 ) -> RecordedGap:
     """Estimate the gap from coil current and switching voltage that were sampled together.
 
@@ -79,6 +81,7 @@ def estimate_recorded(
             at 40 and 0.6 % at 100; by a third of that where the samples drift against the switching, which turns a
             part of the error into noise.
         pwm_frequency: Hz; by default found in the voltage, where one above half the rate is taken for its alias.
+        lost: Where current and voltage only stand for what was not recorded, (samples,).
 
     Raises:
         ValueError: The samples do not fit each other, are not finite, or are slower than twice the PWM frequency (ten
@@ -116,7 +119,7 @@ def estimate_recorded(
     driving = volts[1:] - estimator.coil.resistance * (current[1:] + current[:-1]) / 2
     wrong = _wrong_readings(current, driving, rate / pwm_frequency, voltage_sampling == "point")
     supply = (usual_peak(volts, rate / pwm_frequency), pwm_frequency)
-    found = gap_validity(estimate, amplitude, rate, estimator, *supply, clipped, noise_only, wrong)
+    found = gap_validity(estimate, amplitude, rate, estimator, *supply, clipped, noise_only, wrong, lost)
     if not found.valid.any():
         _refuse(found.reasons, current.size)
     estimate[~found.valid] = np.nan

@@ -16,7 +16,7 @@ from selfsense.sensor import Estimator, SelfSensor
 from selfsense.simulate import SensedGap
 
 NO_RIPPLE, AT_END, CLIPPED, CONVERGING = "no ripple", "end of gap_range", "current clipped", "converging"
-WRONG_READING = "current does not follow voltage"
+WRONG_READING, LOST = "current does not follow voltage", "samples lost"
 SMALLEST_RIPPLE = 0.1  # of the ripple at half duty, where the loop is ten times slower; a duty of 0.025 or 0.975
 SETTLED = 10.0  # time constants of the loop after a fault, in which 1 mm becomes 45 nm
 SLIDING = 3.0  # time constants before a fault shows, in which the estimate may be moving towards it
@@ -55,10 +55,11 @@ def gap_validity(
     clipped: ArrayLike = False,
     noise_only: ArrayLike = False,
     wrong: ArrayLike = False,
+    lost: ArrayLike = False,
 ) -> Validity:
     """Which samples of an estimated gap can be trusted.
 
-    Not valid are clipped and wrong samples, samples without ripple, an amplitude below SMALLEST_RIPPLE of that at half
+    Not valid are clipped, wrong and lost samples, samples without ripple, an amplitude below SMALLEST_RIPPLE of that at half
     duty and the estimated gap, an estimate at the end of its range, the SLIDING time constants of the loop before such
     a fault, and the SETTLED ones after it or after the first sample. The loop's pole is at ki S / (1 + kp S), where S
     is the amplitude per gap, so the loop settles more slowly where the ripple is smaller.
@@ -73,6 +74,7 @@ def gap_validity(
         clipped: Where the current was clipped, (samples,).
         noise_only: Where the amplitude is not a ripple, (samples,).
         wrong: Where a reading of current or voltage fits no other, (samples,).
+        lost: Where what is read only stands for what was not recorded, (samples,).
     """
     estimate, amplitude = np.asarray(estimate, dtype=float), np.asarray(amplitude, dtype=float)
     coil, (low, high) = estimator.coil, estimator.gap_range
@@ -83,6 +85,7 @@ def gap_validity(
         AT_END: ~((estimate > low + touching) & (estimate < high - touching)),
         CLIPPED: np.broadcast_to(clipped, estimate.shape),
         WRONG_READING: np.broadcast_to(wrong, estimate.shape),
+        LOST: np.broadcast_to(lost, estimate.shape),
     }
     path = 1 / (BUTTERWORTH * 2 * pi * estimator.path.low_pass)
     faults[NO_RIPPLE][: ceil(3 * path * rate)] = False  # the filters fill

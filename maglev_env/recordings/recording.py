@@ -1,7 +1,7 @@
 """A recording: labelled channels in SI units against time, checked on reading; the same for measured and simulated."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
 from importlib import metadata
 from pathlib import Path
@@ -37,7 +37,11 @@ STAMPED = "the time stamps jitter, but the readings do not: they are taken as th
 
 
 def read_recording(
-    campaign: Campaign, spec: RecordingSpec, alarmed: bool = False, unexcited: bool = False
+    campaign: Campaign,
+    spec: RecordingSpec,
+    alarmed: bool = False,
+    unexcited: bool = False,
+    unjudged: Collection[str] = (),
 ) -> "xr.Dataset":
     """Read a recording: one float64 variable per channel in SI (attribute `units`) over `time` (s, from 0).
 
@@ -60,6 +64,7 @@ def read_recording(
         spec: One of its recordings.
         alarmed: Whether a recording with an alarm that refuses it is given all the same, for showing.
         unexcited: Whether one whose force lacks stated lines is.
+        unjudged: Channels in which no rule looks for clipped, stuck or repeated readings, since the caller does.
 
     Raises:
         TellsNothing: An alarm refuses the recording, or what should move does not.
@@ -80,9 +85,10 @@ def read_recording(
             at = spec.start + int(np.argmin(np.isfinite(values)))
             raise ValueError(f"{path}: channel {name!r}: sample {at} is not a finite number; is its scale right?")
     time = combined.pop("time", np.zeros(0))
+    judged = {name: values for name, values in combined.items() if name not in unjudged}
     try:
         clock = check_clock(time, rate)
-        if clock.instants is not None and (regular := regular_stamps(time, _readings(combined))) is not None:
+        if clock.instants is not None and (regular := regular_stamps(time, _readings(judged))) is not None:
             clock = check_clock(regular, rate)
             clock = replace(clock, notes=(STAMPED, *clock.notes))
     except ValueError as error:
@@ -90,7 +96,7 @@ def read_recording(
     alarms += clock_alarms(clock, rate, spec.start)
     one_axis = campaign.rig if campaign.rig is not None and campaign.rig.axes == 1 else None
     periodic = any(e.periodic for e in spec.excitations)
-    for name, values in combined.items():
+    for name, values in judged.items():
         if name.partition("_")[0] not in MEASURED or not np.ptp(values):
             continue
         wanted = combined.get(name.replace("displacement", "reference")) if name.startswith("displacement") else None
@@ -124,6 +130,7 @@ def read_recording(
         dataset[name].attrs["integrated"] = 1
     dataset = dataset.assign_coords(_ticks(campaign, spec, combined, clock))
     looked_at = dataset if clock.rows is None else dataset.assign_coords(row=("time", clock.rows))
+    looked_at = looked_at.drop_vars([*unjudged], errors="ignore")
     alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
     dataset.attrs["resampled"] = clock.instants is not None

@@ -184,6 +184,37 @@ def test_a_clipped_current_is_flagged_not_refused(tmp_path, campaign, coil):
     assert "current clipped" not in estimated(tmp_path, folder)[0]["recordings"][0]["reasons"]
 
 
+def test_what_lies_between_current_and_channel_is_undone(tmp_path, campaign, coil):
+    late = 3
+    for stated, current in (
+        ("polynomial = [-1.0, 2.0]", coil["current"] / 2 + 0.5),
+        (f"delay = {late / RATE}", np.roll(coil["current"], late)),
+    ):
+        folder = campaign(current=current)
+        file = folder / "campaign.toml"
+        file.write_text(file.read_text().replace('from = "current"', f'from = "current", {stated}'))
+        (found,) = estimated(tmp_path, folder)[0]["recordings"]
+        assert found["gap_mean"] == pytest.approx(GAP, rel=0.01) and found["valid_share"] > 0.95
+        assert found["comparison"]["rms"] == pytest.approx(1.5e-6, rel=0.1)
+
+
+def test_lost_rows_cost_what_lies_beside_them(tmp_path, campaign, coil):
+    stamped = {**coil, "time": np.arange(26_250) / RATE}
+    kept = np.delete(np.arange(26_250), [9000, *range(15_000, 15_040)])
+    data, page, gaps, text = estimated(tmp_path, campaign(**{name: v[kept] for name, v in stamped.items()}))
+    (found,) = data["recordings"]
+    assert found["samples"] == 26_250 and found["comparison"]["rms"] == pytest.approx(1.5e-6, rel=0.1)
+    assert 0.9 < found["valid_share"] < 0.98
+    assert np.isnan(gaps[0]["gap"][[9000, *range(15_000, 15_040)]]).all()
+    assert "samples lost" in found["reasons"] and "samples lost" in text and "no gap: samples lost" in page
+
+
+def test_a_clipped_probe_costs_no_gap(tmp_path, campaign, coil):
+    high = np.quantile(coil["displacement"], 0.995)
+    (found,) = estimated(tmp_path, campaign(displacement=np.minimum(coil["displacement"], high)))[0]["recordings"]
+    assert found["valid_share"] > 0.97 and list(found["reasons"]) == ["converging"]
+
+
 def test_both_axes_of_an_xy_recording_from_start_on(tmp_path, campaign, coil):
     other = recorded_coil(SENSOR, Motion(60.0, 30e-6, 0.05, 0.1), 1)
     both = {f"{name}_x": coil[name] for name in coil} | {f"{name}_y": other[name].values for name in coil}
@@ -264,11 +295,11 @@ def test_several_recordings_and_the_rig_of_the_command_line(tmp_path, coil):
         ({"voltage": None}, "coil.npz: there is a channel current, but no voltage"),
         ({"current": None}, "coil.npz: there is a channel voltage, but no current"),
         ({"current": None, "voltage": None}, "coil.npz: there are no channels current and voltage"),
-        ({"current": np.ones(26_000)}, "coil.npz: current has 26000 samples and voltage 26250"),
+        ({"current": np.ones(26_000)}, "column 'current' has 26000 samples, column 'voltage' 26250"),
         ({"current": np.zeros(26_250)}, "coil.npz: no sample of 26250 carries a gap: 'no ripple'"),
         ({"voltage": np.zeros(26_250)}, "coil.npz: voltage: no switching stands out"),
         ({"voltage": np.full(26_250, np.nan)}, "coil.npz: column 'voltage': 26250 of 26250 values are no numbers"),
-        ({"current": np.full(26_250, np.nan)}, "coil.npz: current: sample 0 is nan"),
+        ({"current": np.full(26_250, np.nan)}, "coil.npz: column 'current': 26250 of 26250 values are no numbers"),
         ({"rest": "start = 30000"}, "coil.npz: start = 30000 go beyond"),
         ({"rig": "pedestal"}, "no coil whose inductance follows the gap"),
     ],

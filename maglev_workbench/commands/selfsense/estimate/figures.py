@@ -6,13 +6,13 @@ import numpy as np
 
 from maglev_workbench.commands.selfsense.estimate.recorded_coils import SensedCoil
 from maglev_workbench.page import COLOURS, styled
-from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, WRONG_READING
+from selfsense.validity import AT_END, CLIPPED, CONVERGING, LOST, NO_RIPPLE, WRONG_READING
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Scatter
 
 REASONS = {CONVERGING: "#999999", NO_RIPPLE: COLOURS[1], AT_END: "#CC79A7", CLIPPED: "#E69F00"}
-REASONS |= {WRONG_READING: "#56B4E9"}
+REASONS |= {WRONG_READING: "#56B4E9", LOST: "#F0E442"}
 _POINTS = 6000  # per trace
 _PERIODS = 6  # of the PWM in the ripple's figure
 _RECTANGLES = 2000  # of one reason

@@ -8,6 +8,7 @@ import numpy as np
 
 from maglev_env.loop.axes import suffixes
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
+from maglev_env.recordings.masking import masked_samples
 from maglev_env.recordings.recording import read_recording
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.self_sensor import rig_sensors
@@ -37,11 +38,13 @@ class Coil:
 
 @dataclass(frozen=True)
 class Signals:
-    """Signals of one coil, (samples,) each: current (A), voltage (V) and, if it was recorded, displacement (m)."""
+    """Signals of one coil, (samples,) each: current (A), voltage (V), if it was recorded displacement (m), and where
+    they are bridged because nothing was recorded."""
 
     current: np.ndarray
     voltage: np.ndarray
     displacement: np.ndarray | None
+    lost: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -98,19 +101,20 @@ def coils_of(campaign: Campaign, spec: RecordingSpec) -> list[Coil]:
 def read_coil(campaign: Campaign, coil: Coil) -> Signals:
     """The signals of a coil in SI; errors as `read_recording`, except that a clipped current is marked instead."""
     spec, end = coil.spec, coil.suffix
-    others = [f"voltage{end}", *(name for name in ("time", f"displacement{end}") if name in spec.channels)]
-    dataset = read_recording(campaign, replace(spec, channels={name: spec.channels[name] for name in others}))
-    source, columns = spec.channels[f"current{end}"], campaign.files.columns(coil.path, spec.layout)
-    parts = [w * columns.column(name) for w, name in zip(source.weights, source.columns, strict=True)]
-    sizes = {part.size for part in parts}
-    if len(sizes) > 1:
-        raise ValueError(
-            f"{coil.path}: the columns of channel current{end} have {sorted(sizes)} samples; give one length"
-        )
-    current = source.scale * sum(parts) + source.offset
-    stop = None if spec.samples is None else spec.start + spec.samples
-    voltage, displacement = (dataset[n].values if n in dataset else None for n in (others[0], f"displacement{end}"))
-    return Signals(current[spec.start : stop], voltage, displacement)
+    current, voltage, displacement = (f"{kind}{end}" for kind in ("current", "voltage", "displacement"))
+    # The estimator needs the whole current and voltage, with the bias that a `total` one holds.
+    named = {
+        name: replace(spec.channels[name], total=False)
+        for name in (voltage, "time", displacement, current)
+        if name in spec.channels
+    }
+    spec = replace(spec, channels=named)
+    dataset = read_recording(campaign, spec, unjudged=(current,))
+    lost = masked_samples(dataset)
+    if lost.any() and displacement in dataset:  # a clipped probe hides nothing of the coil
+        lost = masked_samples(read_recording(campaign, spec, unjudged=(current, displacement)))
+    moved = dataset[displacement].values if displacement in dataset else None
+    return Signals(dataset[current].values, dataset[voltage].values, moved, lost)
 
 
 def sense(coil: Coil, signals: Signals, rig: Rig, voltage_sampling: Literal["mean", "point"]) -> SensedCoil:
@@ -125,7 +129,7 @@ def sense(coil: Coil, signals: Signals, rig: Rig, voltage_sampling: Literal["mea
     frequency = find_pwm_frequency(signals.voltage, rate, sensor.estimator.path, SWITCHING * own.pwm_frequency)
     both = signals.current, signals.voltage
     gap = estimate_recorded(
-        *both, rate, sensor.estimator, sensor.gap, current_range, voltage_sampling, pwm_frequency=frequency
+        *both, rate, sensor.estimator, sensor.gap, current_range, voltage_sampling, frequency, signals.lost
     )
     if abs(gap.pwm_frequency / own.pwm_frequency - 1) > _ANOTHER_RIG:
         raise ValueError(

@@ -14,7 +14,7 @@ from maglev_workbench.commands.selfsense.estimate.figures import gap_figure, rip
 from maglev_workbench.commands.selfsense.estimate.recorded_coils import SensedCoil
 from maglev_workbench.commands.selfsense.rig_sensor import made_by
 from maglev_workbench.page import note, number, page, table
-from selfsense.validity import AT_END, CLIPPED, CONVERGING, NO_RIPPLE, WRONG_READING
+from selfsense.validity import AT_END, CLIPPED, CONVERGING, LOST, NO_RIPPLE, WRONG_READING
 
 if TYPE_CHECKING:
     import rich.table
@@ -27,6 +27,7 @@ _WHY = {
     AT_END: "the estimate rests on an end of the range that the estimator may search",
     CLIPPED: "the current was at the end of its converter's range",
     WRONG_READING: "a single reading of current or voltage fits no other: a lost or disturbed sample",
+    LOST: "nothing is in the file, or no number: the signals are bridged there",
 }
 
 
