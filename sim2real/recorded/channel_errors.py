@@ -26,6 +26,7 @@ class ChannelError:
         coil: resistance (ohm) and inductance (H) of a coil whose voltage tells this current, by Kirchhoff's law with
             what the motion induces; None: it is measured.
         induced: of that coil, V s/m: the error is this more of induced voltage, by the displacement.
+        inductance: of that coil, relative: the error is this more of inductance.
         read: the recorded channel of which a campaign may state it, where another one is computed from that; empty: the
             channel itself.
     """
@@ -39,6 +40,7 @@ class ChannelError:
     order: int = 2
     coil: tuple[float, float] | None = None
     induced: float = 0.0
+    inductance: float = 0.0
     read: str = ""
 
     @property
@@ -49,16 +51,21 @@ class ChannelError:
     def factor(self, frequency: np.ndarray) -> np.ndarray:
         """Change of the channel's spectrum at frequencies in Hz, in units of that of `by`."""
         s = 2j * np.pi * frequency
-        if self.coil is not None and self.induced:
-            return -s * self.induced / (self.coil[0] + s * self.coil[1])
+        if self.coil is not None:
+            resistance, inductance = self.coil
+            return -s * (self.induced + self.inductance * inductance) / (resistance + s * inductance)
         return self.scale + s * self.delay + s**self.order * self.shape
 
     def whole_factor(self, frequency: np.ndarray, amount: float) -> np.ndarray:
         """Change of the spectrum, in units of that of `by`, by an amount of the error, in standard deviations, however
-        large: late readings turn the phase alone."""
+        large: late readings turn the phase alone, and an inductance stays positive."""
+        s = 2j * np.pi * frequency
+        if self.coil is not None and self.inductance:
+            resistance, inductance = self.coil
+            larger = np.expm1(amount * self.inductance) * inductance
+            return -s * larger / (resistance + s * (inductance + larger))
         if self.induced:
             return amount * self.factor(frequency)
-        s = 2j * np.pi * frequency
         rest = amount * (self.scale + s**self.order * self.shape)
         return np.exp(amount * self.delay * s) - 1 + rest
 

@@ -17,9 +17,10 @@ from maglev_env.recordings.derived import coil_current, tells_current
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.channel_errors import ChannelError
 
-# Relative standard deviations where the rig's [tolerance] states none: of the actuator's gain, and of a resistance,
-# which grows by 4 % as copper warms by 10 K.
-GAIN, RESISTANCE = 0.3, 0.04
+# Relative standard deviations where the rig's [tolerance] states none: of the actuator's gain, of a resistance, which
+# grows by 4 % as copper warms by 10 K, and of an inductance, which grows as the gap closes and falls with eddy
+# currents.
+GAIN, RESISTANCE, INDUCTANCE = 0.3, 0.04, 0.1
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,12 @@ def current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float
         terms = own.coil_resistance, own.coil_inductance
         currents.append(coil_current(channels["voltage"][axis] - gain * velocity, rate, *terms))
         scale, induced = rig.tolerance.get("coil_resistance", RESISTANCE), rig.tolerance.get("actuator_gain", GAIN)
+        slower = rig.tolerance.get("coil_inductance", INDUCTANCE)
         name = f"current{letter}"
         errors.append((
             ChannelError(f"scale of {name}", "current", axis, scale=scale),
             ChannelError(f"induced voltage of {name}", "current", axis, coil=terms, induced=induced * gain),
+            ChannelError(f"inductance behind {name}", "current", axis, coil=terms, inductance=slower),
         ))  # fmt: skip
     note = (
         "the current is computed from the voltage by the coil's resistance and inductance and by what the motion "

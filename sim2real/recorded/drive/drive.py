@@ -265,8 +265,9 @@ def _stood_in(
         how.append(words)
     gains = controllers[0] if rig.axes == 1 else tuple(controllers)
     e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
+    told = "computed" if smooth else "recorded"
     note = (
-        f"the recorded {source} drives the simulation ({'held' if held else 'straight lines'} between samples); "
+        f"the {told} {source} drives the simulation ({'held' if held else 'straight lines'} between samples); "
         f"{' and '.join(sorted(set(how)))} stands in for the controller"
     )
     return Drive(e, source, True, held, force_held, every=finer, upstream=upstream, notes=(note,))

@@ -58,13 +58,29 @@ def test_an_error_of_the_gain_acts_by_the_displacement(coil):
     voltage, displacement, _ = coil
     stiffer = replace(RIG, tolerance={"actuator_gain": 0.2, "coil_resistance": 0.01})
     channels = {"voltage": voltage[None], "displacement": displacement[None]}
-    scale, induced = current_by_voltage(stiffer, channels, RATE).errors[0]
+    scale, induced, _ = current_by_voltage(stiffer, channels, RATE).errors[0]
     assert scale.scale == 0.01 and induced.by != "current" and scale.by == "current"
     frequency = np.array([7.0, 31.0])
     s = 2j * np.pi * frequency
     np.testing.assert_allclose(induced.factor(frequency), -0.2 * GAIN * s / (RESISTANCE + s * INDUCTANCE), rtol=1e-12)
     np.testing.assert_allclose(induced.whole_factor(frequency, 0.5), induced.factor(frequency) / 2, rtol=1e-12)
     assert ChannelError("scale", "force", scale=0.1).by == "force"
+
+
+def test_an_error_of_the_inductance_is_that_of_another_coil(coil):
+    """What it changes is what a coil of that inductance makes of the same voltage, by any amount."""
+    voltage, displacement, _ = coil
+    channels = {"voltage": voltage[None], "displacement": displacement[None]}
+    for stated, relative in (({}, 0.1), ({"coil_inductance": 0.2}, 0.2)):
+        error = current_by_voltage(replace(RIG, tolerance=stated), channels, RATE).errors[0][2]
+        assert error.by == "current" and error.inductance == relative
+        frequency = np.array([0.0, 7.0, 31.0, 200.0])
+        s = 2j * np.pi * frequency
+        for amount in (-3.0, 1e-3, 2.0):
+            other = INDUCTANCE * np.exp(amount * relative)
+            expected = (RESISTANCE + s * INDUCTANCE) / (RESISTANCE + s * other) - 1
+            np.testing.assert_allclose(error.whole_factor(frequency, amount), expected, rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(error.factor(frequency), error.whole_factor(frequency, 1e-7) / 1e-7, rtol=1e-6)
 
 
 def test_a_recorded_current_or_an_unknown_coil_needs_no_voltage(coil):
@@ -97,7 +113,9 @@ def test_a_measured_voltage_drives_whatever_else_is_stated(tmp_path, controller,
     ((record,),) = (read_records(folder)[1],)
     assert isinstance(record, OpenRecord) and record.source == "current"
     assert any("computed from the voltage" in note for note in record.notes)
-    assert any("straight lines between samples" in note for note in record.notes)  # a converter holds the voltage alone
+    assert any(
+        note.startswith("the computed current drives the simulation (straight lines") for note in record.notes
+    )  # a converter holds the voltage alone
     delays = [e for e in record.errors if e.delay]
     assert [(e.name, e.channel, e.delay) for e in delays] == [("delay of voltage", "current", 2e-5)]
 
