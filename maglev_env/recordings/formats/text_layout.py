@@ -11,11 +11,13 @@ from typing import Any
 from maglev_env.fields import check_known
 from maglev_env.recordings.formats.file_formats import Refused
 from maglev_env.recordings.formats.stamps import duration
-from maglev_env.recordings.formats.text_preamble import Preamble, are_units, read_preamble
+from maglev_env.recordings.formats.text_preamble import Preamble, are_units, is_row_of_units, read_preamble
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 DECIMALS = (".", ",")
+_SCALES = "line {} holds units; the scales of a campaign are those that its channels state"
 STATE_IT = 'state it in campaign.toml, e.g. format = { separator = ";", decimal = ",", header = 1 }'
+_SAYS = re.compile(r"[A-Za-z ]{1,24}:")  # what a comment begins with that says what it holds: "columns:"
 _COMMENTS = ("#", "%", "//")
 _NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)([ed][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
 _ROWS = 4  # of numbers that follow each other, where the first holds a word, too
@@ -212,8 +214,15 @@ def _first_row(head: Sequence[str], separator: str, decimal: str, expected: list
 
 def _above(line: str, separator: str) -> list[str]:
     """The cells of a line above the numbers; units in a comment without its sign."""
-    bare = cells_of(_uncommented(line), separator) if is_left_out(line) else []
-    return bare if any(bare) and are_units(bare) else cells_of(line, separator)
+    texts = (_uncommented(line), _held(_uncommented(line))) if is_left_out(line) else ()
+    units = (cells for text in texts if any(cells := cells_of(text, separator)) and are_units(cells))
+    return next(units, cells_of(line, separator))
+
+
+def _held(comment: str) -> str:
+    """What stands behind the word with which a comment says what it holds; all of it where it has more colons."""
+    said = _SAYS.match(comment)
+    return comment[said.end() :].strip() if said and comment.count(":") == 1 else comment
 
 
 def _uncommented(line: str) -> str:
@@ -228,6 +237,8 @@ def _names(
     def named(line: str, comment: bool = False) -> list[str] | None:
         text = _uncommented(line) if comment else line
         cells = cells_of(text, separator)
+        if comment and len(held := cells_of(_held(text), separator)) == least:
+            cells = held
         if separator == " " and len(cells) != least and len(apart := re.split(r"\s{2,}", text.strip())) == least:
             cells = apart  # names of several words, in columns as wide as their numbers
         if comment and len(cells) != least:
@@ -254,10 +265,10 @@ def _names(
     lines = [i for i, line in enumerate(above) if not is_left_out(line)]
     if lines:
         names, units = named(above[lines[-1]]), []
-        if names and len(lines) > 1 and are_units(names[:least]) and (upper := named(above[lines[-2]])):
+        if names and len(lines) > 1 and is_row_of_units(names[:least]) and (upper := named(above[lines[-2]])):
             beside = any(is_number(cell, decimal) for cell in names[least:])  # numbers, not names of empty columns
             names = upper[:least] if beside else upper
-            units = [f"line {lines[-1] + 1} is taken as units and not read: state scales in channels"]
+            units = [_SCALES.format(lines[-1] + 1)]
             lines.pop()
         if names:
             where = [f"the columns are named by line {lines[-1] + 1}"] if lines[-1] else []
@@ -270,10 +281,9 @@ def _names(
             )
     comments = [i for i, line in enumerate(above) if line.strip() and is_left_out(line)]
     fitting = [(i, cells) for i in reversed(comments) if (cells := named(above[i], comment=True))]
-    if len(fitting) > 1 and are_units(fitting[0][1][:least]) and not are_units(fitting[1][1][:least]):
+    if len(fitting) > 1 and is_row_of_units(fitting[0][1][:least]) and not is_row_of_units(fitting[1][1][:least]):
         (of_units, _), (i, cells) = fitting[:2]
-        units = f"line {of_units + 1} is taken as units and not read: state scales in channels"
-        return done(cells, f"the columns are named by the comment in line {i + 1}", units)
+        return done(cells, f"the columns are named by the comment in line {i + 1}", _SCALES.format(of_units + 1))
     for i, cells in fitting[:1]:
         return done(cells, f"the columns are named by the comment in line {i + 1}")
     return done([], f'the columns have no names: they go by position, "[0]" to "[{least - 1}]"')

@@ -4,12 +4,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from maglev_env.recordings.formats.known_units import UNITS, known_unit
 from maglev_env.recordings.formats.stamps import time_of_day
 
 _NAMES = re.compile(r"(symbol|channel|signal|trace)?[ _]?(name|label)s?|bezeichnung", re.IGNORECASE)
 _UNITS = re.compile(r"(y|v|vertical|signal|channel)?[ _]?(units?|einheit(en)?)([ _]label)?", re.IGNORECASE)
 _NUMBERED = re.compile(r"[A-Za-z]{2,8}[ _]?\d+|\d+")  # "CH1", "Channel 2": says which input, not what was measured
-# What may stand in a row of units: of these also such as are read as no unit, since they must not be taken for names.
+# What may stand in a row of units beside the known ones: what is read as no unit must not be taken for a name either.
 _UNIT = re.compile(
     r"[\[(].*[\])]||-|1|%|[kmuµμn]?(s|m|A|V|N|Hz|W|Nm|T|rad|g|Ohm|Ω|Pa|bar)|[muµμ]H|cm|[MGh]Pa|m?m/s(\^?2|²)?|rad/s2?|deg|°"
     r"|K|°C|degC|C|dB|ppm|VA|psi|lbf|mil|[1Ur]/min|min(\^?-1|⁻¹)|[1Ur]/s|(?i:(m|u|µ)?secs?|min|rpm|mbar|inch|microns?"
@@ -17,6 +18,7 @@ _UNIT = re.compile(
 )
 _RATIO = re.compile(r"[A-Za-zµμΩ°]{1,4}/[A-Za-zµμΩ°]{1,4}[23²³]?")  # "l/min", "mm/V"
 _WORDS = {"volt": "V", "amp": "A", "ampere": "A", "second": "s", "newton": "N"}
+_SHORTEST = 3  # letters from which a unit in other letters than its own is one and no name, as "Mils"
 _NO_UNIT = ("", "-", "1", "None", "Sequence")
 _LONGEST = 200  # characters of a line that may state a number
 _SAID = re.compile(r"[#%/\s]*([^:=]*[^:=\s])\s*[:=]\s*(\S.*)")  # "# sample rate: 1 kHz"
@@ -58,9 +60,9 @@ def read_preamble(rows: Sequence[Sequence[str]], names: Sequence[str], decimal: 
             units = own
         elif _NAMES.fullmatch(key) and not any(labels):
             labels = ["" if cell == key else cell for cell in own]
-        elif _UNITS.fullmatch(key):
+        elif _says_units(key):
             units = ["" if cell == key else cell for cell in own]
-    beside = [name for name in names if not _UNITS.fullmatch(name)]
+    beside = [name for name in names if not _says_units(name)]
     if are_units(beside) or all(not name or time_of_day(name) is not None for name in names[1:]):
         names = [""] * columns  # what stands above the numbers are units, or when each channel began
     headers = [
@@ -79,9 +81,20 @@ def are_units(cells: Sequence[str]) -> bool:
     )
 
 
+def is_row_of_units(cells: Sequence[str]) -> bool:
+    """Whether the cells of a line are units, or such behind a first cell that says so: "Unit", "mm", "A"."""
+    return are_units(cells) or (_says_units(cells[0]) and any(cells[1:]) and are_units(cells[1:]))
+
+
 def is_unit(cell: str) -> bool:
     """Whether a cell between names and numbers is a unit, or says that there is none."""
-    return _UNIT.fullmatch(cell) is not None
+    known = known_unit(cell)
+    as_written = cell in UNITS or len(cell) >= _SHORTEST
+    return _UNIT.fullmatch(cell) is not None or (known is not None and as_written)
+
+
+def _says_units(cell: str) -> bool:
+    return _UNITS.fullmatch(cell.rstrip(": ")) is not None
 
 
 def _with_unit(name: str, unit: str) -> str:

@@ -1,52 +1,11 @@
 """Units in column headers: `pos [mm]`, `i (A)`, `gap_um`, `Weg / mm`."""
 
-import math
 import re
-import unicodedata
 from collections.abc import Iterable
-from dataclasses import dataclass
 
+from maglev_env.recordings.formats.known_units import AS_WRITTEN, UNITS, Unit, known_unit
 from maglev_env.recordings.guess.words import COUNTS, meaning
-from maglev_env.units import STANDARD_GRAVITY
 
-
-@dataclass(frozen=True)
-class Unit:
-    """A unit as a header writes it.
-
-    Args:
-        text: as written.
-        si: the SI unit that it is a multiple of.
-        scale: SI value of one of it.
-    """
-
-    text: str
-    si: str
-    scale: float
-
-
-_PREFIXES = {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9, "k": 1e3}
-_UNITS = {
-    **{f"{p}{si}": (si, factor) for si in ("m", "A", "V", "N", "s") for p, factor in _PREFIXES.items()},
-    **{"sec": ("s", 1.0), "micron": ("m", 1e-6), "microns": ("m", 1e-6), "cm": ("m", 1e-2), "mils": ("m", 25.4e-6)},
-    **{f"{p}sec": ("s", factor) for p, factor in (("m", 1e-3), ("u", 1e-6), ("µ", 1e-6), ("n", 1e-9))},
-    **{f"{p}seconds": ("s", factor) for p, factor in (("", 1.0), ("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9))},
-    **{"mil": ("m", 25.4e-6), "thou": ("m", 25.4e-6), "inch": ("m", 25.4e-3)},
-    **{"daN": ("N", 10.0), "kgf": ("N", STANDARD_GRAVITY), "lbf": ("N", 0.45359237 * STANDARD_GRAVITY)},
-    **{"rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30), "1/min": ("rad/s", math.pi / 30)},
-    **{"m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "mm/s2": ("m/s2", 1e-3), "mm/s^2": ("m/s2", 1e-3)},
-    **{text: ("m/s2", 1.0) for text in ("m/s2", "m/s^2", "m/s**2", "m/s/s", "m s-2", "m s^-2")},
-    **{"millis": ("s", 1e-3), "micros": ("s", 1e-6)},  # what a microcontroller's clocks are called
-    **{"g": ("m/s2", STANDARD_GRAVITY), "mg": ("m/s2", 1e-3 * STANDARD_GRAVITY)},
-    **{f"{p}{s}/s": ("Hz", f) for s in ("S", "Sa") for p, f in (("", 1.0), ("k", 1e3), ("M", 1e6))},
-    **{text: ("rad/s", math.pi / 30) for text in ("U/min", "r/min", "rev/min", "min-1", "min^-1")},
-    **{"1/s": ("Hz", 1.0)},  # of a speed in it, it is open whether it counts turns or radians
-    **{"Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3), "C": ("C", 1.0), "°C": ("C", 1.0), "%": ("%", 0.01)},
-}  # fmt: skip
-# In other letters these are units of other quantities: newton metres, millisiemens, gauss.
-_AS_WRITTEN = ("nm", "ms", "g", "mg")
-_FOLDED = {name.lower(): name for name in reversed(_UNITS) if name.lower() not in ("mn", "ma", "mv", *_AS_WRITTEN)}
-_FOLDED |= {"ma": "mA", "mv": "mV", "mn": "mN"}
 _READ = ("displacement", "gap_estimate", "current", "force", "velocity", "acceleration", "error")  # by a transducer
 # Channels behind whose names a single letter is a unit: it may as well be a plane "A", a phase "V" or an index. A
 # transducer's volts stand for any quantity, and what shakes the rotor often has a name of its own.
@@ -72,13 +31,6 @@ _UNLIKE = "filt filtered mean avg rms abs rel left right top bottom upper lower"
 _LIKE = re.compile(r"[A-Za-zµμ°Ω][A-Za-zµμ°Ω/^.*-]{0,7}")
 
 
-def known_unit(text: str) -> Unit | None:
-    """The unit of this name; None where there is none such."""
-    name = unicodedata.normalize("NFKC", text.strip()).replace("−", "-")  # "m/s²" is m/s2
-    name = name if name in _UNITS else _FOLDED.get(name.lower(), "")
-    return Unit(text.strip(), *_UNITS[name]) if name else None
-
-
 def header_unit(header: str, among: Iterable[str] = ()) -> tuple[str, Unit | None]:
     """A header without its unit, and the unit.
 
@@ -94,7 +46,7 @@ def header_unit(header: str, among: Iterable[str] = ()) -> tuple[str, Unit | Non
         return header, None
     if (known := _of_its_place(header))[1]:
         return known
-    if len(header) > 1 and header in _UNITS:  # a column that is called by its unit alone
+    if len(header) > 1 and header in UNITS:  # a column that is called by its unit alone
         return header, known_unit(header)
     for pattern in (_BRACKETS, _RATIO_BEHIND, _RATIO_LAST, _BEHIND):
         if (found := pattern.match(header)) and (unit := _unit_behind(found[1], found[2])):
@@ -108,11 +60,11 @@ def header_unit(header: str, among: Iterable[str] = ()) -> tuple[str, Unit | Non
 
 
 def _unit_behind(name: str, text: str) -> Unit | None:
-    """The unit behind a name; of _AS_WRITTEN also in capitals, where the name says that it is no other one."""
+    """The unit behind a name; of AS_WRITTEN also in capitals, where the name says that it is no other one."""
     small = text.lower()
     capitals = text in ("NM", "MS") and name.isupper()
-    if small in _AS_WRITTEN and (capitals or (small.endswith("g") and meaning(name).channel == "acceleration")):
-        return Unit(text, *_UNITS[small])
+    if small in AS_WRITTEN and (capitals or (small.endswith("g") and meaning(name).channel == "acceleration")):
+        return Unit(text, *UNITS[small])
     return known_unit(text)
 
 

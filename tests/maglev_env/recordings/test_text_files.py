@@ -67,7 +67,7 @@ def test_what_was_told_from_the_file_is_said(tmp_path):
     path = tmp_path / "x.csv"
     path.write_bytes(("Gerät 7\nZeit;Weg\ns;µm\n" + rows(";", ",")).encode("latin-1"))
     notes = " | ".join(read_columns(path).notes)
-    for word in ("Latin-1", "semicolons between columns and a decimal comma", "named by line 2", "line 3 is taken as"):
+    for word in ("Latin-1", "semicolons between columns and a decimal comma", "named by line 2", "line 3 holds units"):
         assert word in notes
     path.write_text("t,y\n" + rows(","))
     assert not read_columns(path).notes
@@ -80,10 +80,44 @@ def test_a_comment_of_units_below_one_of_names_tells_units(tmp_path):
     columns = read_columns(path)
     np.testing.assert_array_equal(columns.column("pos"), Y)
     notes = " | ".join(columns.notes)
-    assert "named by the comment in line 2" in notes and "line 3 is taken as units" in notes
+    assert "named by the comment in line 2" in notes and "line 3 holds units" in notes
     assert columns.headers["pos"] == "pos [um]"
     path.write_text("% s\tum\n" + rows("\t"))  # nothing else may be the names
     np.testing.assert_array_equal(read_columns(path).column("um"), Y)
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "t,pos\nms,mils\n",
+        "t,pos\nmilliseconds,thou\n",
+        "t,pos\nms,Mils\n",
+        "# t,pos\n# ms,thou\n",
+        "# columns: t, pos\n# units: ms, mils\n",
+        "# t,pos\n# Units: ms, mils\n",
+        "# data: t,pos\n# unit: ms,mil\n",
+        "Name,pos\nUnit,mils\n",
+        "t,pos\nUnits:,mils\n",
+        "# t,pos\n# Units:,mils\n",
+    ],
+)
+def test_units_are_no_names_whatever_they_are_and_whatever_says_so(tmp_path, above):
+    """Such a row had named the columns, and what was called "mm" was the reference."""
+    path = tmp_path / "x.csv"
+    path.write_text(above + rows(","))
+    columns = read_columns(path)
+    np.testing.assert_array_equal(columns.column("pos"), Y)
+    assert columns.headers["pos"].lower() in ("pos [mils]", "pos [mil]", "pos [thou]")
+    if above.startswith("# ") and ":," not in above:
+        path.write_text(above.replace(",", " ").replace("  ", " ") + rows(" "))
+        assert read_columns(path).headers["pos"] == columns.headers["pos"]
+
+
+@pytest.mark.parametrize("names", ["MV,PV", "X,N", "# Gap: left,Gap: right"])
+def test_what_could_be_a_unit_in_other_letters_or_holds_colons_is_a_name(tmp_path, names):
+    path = tmp_path / "x.csv"
+    path.write_text(names + "\n" + rows(","))
+    assert read_columns(path).names == tuple(names.lstrip("# ").split(","))
 
 
 @pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", "."), ("   ", ".")])
