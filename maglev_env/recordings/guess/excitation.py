@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.channels import SHOWN_BY
 from maglev_env.recordings.guess.behaviour import steps_in
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
-from maglev_env.recordings.guess.period import Lines, lines_of, period_of
+from maglev_env.recordings.guess.period import Lines, lines_of, period_of, strongest_line
 from maglev_env.recordings.guess.shape import shape_of
 
 _CLEANEST_FIRST = ("current", "reference", "force")  # an injection and a reference are made, a force is measured
@@ -124,9 +124,10 @@ def _aperiodic(
     hover = [{"kind": "none"}]
     if moved is None or not _moves(moved):
         return hover, Guess("excitation", "none", known, OPEN, "what excited the rotor, if anything")
-    if found := period_of(moved):
-        hint = f"{known}; the displacement repeats every {found[0]} samples" + (
-            f", {rate / found[0]:.6g} Hz" if rate else ""
+    if period_of(moved):
+        cycles = strongest_line(moved)  # after some turns only, a vibration fits into whole samples
+        hint = f"{known}; the displacement vibrates " + (
+            f"at {cycles * rate:.3g} Hz above all" if rate else f"above all every {1 / cycles:.3g} samples"
         )
     else:
         shape, why = shape_of(moved, rate)

@@ -96,3 +96,13 @@ def lines_of(values: np.ndarray, period: int) -> Lines:
     if chosen.size > _MOST_LINES:
         chosen = np.sort(chosen[np.argsort(amplitude[chosen])[-_MOST_LINES:]])
     return Lines(tuple(int(k) + 1 for k in chosen), tuple(complex(p) for p in phasors[chosen]), period, count)
+
+
+def strongest_line(values: np.ndarray) -> float:
+    """Frequency of a signal's (samples,) strongest vibration, in cycles per sample, also between spectral lines."""
+    values = values[:_MOST]
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size)))
+    top = int(np.argmax(power[1:-1])) + 1
+    left, here, right = np.log(np.maximum(power[top - 1 : top + 2], 1e-300))
+    bend = left - 2 * here + right
+    return float(top + ((left - right) / (2 * bend) if bend else 0.0)) / values.size

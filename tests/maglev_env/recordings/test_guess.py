@@ -298,6 +298,17 @@ def test_one_sine_and_hover():
     assert tables == [{"kind": "none"}] and why.ask
 
 
+@pytest.mark.parametrize("frequency", [47.0, 12.5])
+def test_a_whirl_that_fits_into_no_whole_samples_is_said_at_its_own_frequency(frequency):
+    """Of 47 Hz at 1 kHz three turns are 64 samples, and "15.625 Hz" had been said."""
+    noise = 0.02 * np.random.default_rng(0).standard_normal(1200)
+    moved = np.sin(2 * np.pi * frequency * np.arange(1200) / 1000) + noise
+    _, why = guess_excitation({"displacement": moved}, 1000.0)
+    assert f"vibrates at {frequency:g} Hz above all" in why.reason
+    _, why = guess_excitation({"displacement": moved}, None)
+    assert f"above all every {1000 / frequency:.2g}" in why.reason
+
+
 GAINS = Gains(8000.0, 2000.0, 5.2, 4e-3, 0.3)
 
 
