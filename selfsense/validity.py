@@ -59,10 +59,10 @@ def gap_validity(
 ) -> Validity:
     """Which samples of an estimated gap can be trusted.
 
-    Not valid are clipped, wrong and lost samples, samples without ripple, an amplitude below SMALLEST_RIPPLE of that at half
-    duty and the estimated gap, an estimate at the end of its range, the SLIDING time constants of the loop before such
-    a fault, and the SETTLED ones after it or after the first sample. The loop's pole is at ki S / (1 + kp S), where S
-    is the amplitude per gap, so the loop settles more slowly where the ripple is smaller.
+    Not valid are clipped, wrong and lost samples, samples without ripple, an amplitude below SMALLEST_RIPPLE of that at
+    half duty and the estimated gap, an estimate at the end of its range, the SLIDING time constants of the loop before
+    such a fault, and the SETTLED ones after it or after the first sample. The loop's pole is at ki S / (1 + kp S) with
+    the amplitude per gap S, so the loop settles more slowly where the ripple is smaller.
 
     Args:
         estimate: Estimated gap, (samples,), m.
