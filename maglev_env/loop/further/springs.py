@@ -13,7 +13,7 @@ from maglev_lanes.layout import LaneRows, rows_after
 from maglev_lanes.pieces import piece
 
 PUSHED = 30.0  # m/s2, three times the weight: what is taken to push the mover into a spring of which it needs much
-STIFFEST = 1.0  # rad that the mover may turn by on the stop in one step
+STIFFEST = 1.0  # rad that the mover may turn by on a spring in one step
 
 EFFECTS: Mapping[str, EffectCard] = {
     "cubic_spring": EffectCard(
@@ -50,18 +50,25 @@ CUBE, REACH, STOP, STEEPER, END = rows_after(uneven_gain.END, "CUBE REACH STOP S
 
 def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
     """Write the constants; the mechanics' rows must have been written."""
-    x[CUBE] = values.effect("cubic_spring") * x[PER_MASS]
+    # A spring that is too stiff for the step would throw the mover out, so it is as soft as the step needs. Where it
+    # holds PUSHED, the mover swings on it at a rate that grows with the sixth root of its coefficient.
+    turn = np.maximum(_cube_rate(values) * h / STIFFEST, 1.0)
+    x[CUBE] = values.effect("cubic_spring") * x[PER_MASS] / turn**6
     x[REACH], x[STEEPER] = values.effect("soft_stop"), values.effect("soft_stop", "steepness") - 1
-    # A stop that is too stiff for the step would throw the mover out, so it is as soft as the step needs.
     turn = np.maximum(_stop_rate(values) * h / STIFFEST, 1.0)
     x[STOP] = values.effect("soft_stop", "stiffness") * x[PER_MASS] / turn ** (2 * (1 + x[STEEPER]))
 
 
 def spring_rate(values: Values) -> np.ndarray:
     """Rate (rad/s) at which the mover swings on the springs where they hold PUSHED, or beside the centre, (n,)."""
+    return np.maximum(_cube_rate(values), _stop_rate(values))
+
+
+def _cube_rate(values: Values) -> np.ndarray:
+    """That of the cubic spring alone."""
     cube = values.effect("cubic_spring") / values.mass
     way = np.minimum(np.cbrt(PUSHED / np.maximum(cube, 1e-99)), values.rig("clearance"))
-    return np.maximum(np.sqrt(3 * cube) * way, _stop_rate(values))
+    return np.sqrt(3 * cube) * way
 
 
 def _stop_rate(values: Values) -> np.ndarray:

@@ -70,6 +70,18 @@ def test_a_stop_that_is_stiff_for_the_control_rate_holds_the_rotor():
     assert 2e-4 < found.peak_displacement[1] < 2.5e-4
 
 
+@pytest.mark.parametrize("rate", [200.0, FAST])
+def test_a_cubic_spring_that_is_too_stiff_for_the_step_holds_the_rotor(rate):
+    rig = replace(STAND, control_rate=rate)
+    every = [
+        replace(pushed(2.0, effect("cubic_spring", coefficient), 0, rig=replace(BALL, control_rate=rate)), rig=rig)
+        for coefficient in (1e15, 1e19, 1e20)
+    ]
+    found = simulate_statistics(every, threads=1)
+    assert np.isnan(found.touchdown_time).all()
+    assert found.peak_displacement[1] < found.peak_displacement[0] / 3
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_fast_rig_takes_one_step_and_a_slow_one_as_many_as_a_fast_one_has(preset):
     e = replace(
