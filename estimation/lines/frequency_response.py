@@ -132,7 +132,7 @@ def distorted_variance(
     of_noise = beside_of(noise)
     around = [(0, 0)] * (curve.ndim - 1) + [(LOCAL // 2, frequency.size - n - LOCAL // 2)]
     freedom = 2 * (LOCAL - CURVE)
-    median = scipy.stats.chi2.median(freedom) / freedom  # of that scatter, for noise alone
+    median = 2 * scipy.special.gammaincinv(freedom / 2, 0.5) / freedom  # of that scatter, for noise alone
     width = (1,) * (curve.ndim - 1) + (ROUGH_POOL,)
     best, least = noise, np.inf
     for shape in (noise, inside):
