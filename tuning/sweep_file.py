@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import h5netcdf
     import xarray as xr
 
+BAND_ENDS = ("band_low", "band_high")
 LARGE = 20_000  # experiments; the results of more stay in their file
 
 

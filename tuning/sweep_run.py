@@ -58,11 +58,22 @@ def run_sweep(
         BlockingIOError: Another process works on it.
         OSError: `out` cannot be written.
     """
+    return read_sweep(swept_file(sweep, out, threads, progress, workers))
+
+
+def swept_file(
+    sweep: Sweep,
+    out: Path,
+    threads: int | None = None,
+    progress: Callable[[int, bool], None] | None = None,
+    workers: "Workers | None" = None,
+) -> Path:
+    """As `run_sweep`, but returns the path of the dataset's file."""
     with locked(out):
         return _run(sweep, out, threads, progress or (lambda n, reused: None), workers)
 
 
-def _run(sweep, out, threads, advance, workers) -> "xr.Dataset":  # see run_sweep
+def _run(sweep, out, threads, advance, workers) -> Path:  # see run_sweep
     if sweep.device != "cpu" and workers is not None:
         raise ValueError(f"sweep: device {sweep.device} is of this machine: leave out the scheduler, or use cpu")
     if not (out / SPEC).exists() and not is_empty(out):
@@ -91,7 +102,7 @@ def _run(sweep, out, threads, advance, workers) -> "xr.Dataset":  # see run_swee
         temporary.replace(out / "sweep.nc")
     finally:
         temporary.unlink(missing_ok=True)
-    return read_sweep(out / "sweep.nc")
+    return out / "sweep.nc"
 
 
 @dataclass(frozen=True)

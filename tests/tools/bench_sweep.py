@@ -61,7 +61,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, nargs="+", default=[2])
     parser.add_argument("--sets", type=int, nargs="+", choices=GRIDS, default=[1024])
     parser.add_argument("--protocols", nargs="+", choices=("full", "quick"), default=["full", "quick"])
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / f"maglev-same-results-{os.getuid()}")
+    parser.add_argument(
+        "--cache", type=Path, default=Path(tempfile.gettempdir()) / f"maglev-same-results-{os.getuid()}"
+    )
     args = parser.parse_args()
     cache = args.cache.resolve()
     trees = [_tree(path, cache) for path in (args.old, args.new)]
@@ -71,7 +73,8 @@ def main() -> None:
         command = [sys.executable, "-P", "-c", _QUICK]
         quick.write_text(subprocess.run(command, env=environments[0], stdout=subprocess.PIPE, text=True).stdout)
         print(f"old: {trees[0]}\nnew: {trees[1]}\nload average {os.getloadavg()[0]:.1f}\n")
-        print(f"{'':<30}{'clock old':>10}{'new':>8}{'best':>7}{'median':>7}{'cpu old':>10}{'new':>8}{'best':>7}{'median':>7}")
+        heads = "".join(f"{clock:>10}{'new':>8}{'best':>7}{'median':>7}" for clock in ("clock old", "cpu old"))
+        print(f"{'':<30}{heads}")
         for protocol in args.protocols:
             rig = {"full": "hmb_free", "quick": str(quick)}[protocol]
             for sets in args.sets:

@@ -15,6 +15,7 @@ from tuning import sweep_run as module
 from tuning.axis import Axis, parse_axes, parse_axis
 from tuning.sweep import Sweep, default_axes, gain_sets
 from tuning.sweep_run import run_sweep
+from tuning.swept_sets import SweptSets
 
 
 @pytest.fixture
@@ -103,6 +104,21 @@ def test_the_dataset_says_what_made_it_and_holds_every_gain_set(rig, tmp_path):
     assert 0 < stable.sum() < 20
     assert (d.score.values[~stable] == 0).all() and (d.score.values[stable] > 0).all()
     assert np.isfinite(d.stiffness.values[stable]).all() and np.isnan(d.touchdown_time.values[stable]).all()
+
+
+def test_a_file_read_by_columns_holds_what_the_dataset_holds(rig, tmp_path):
+    d = run_sweep(short_sweep(rig), tmp_path / "out")
+    by_columns, by_dataset = SweptSets.of_file(tmp_path / "out" / "sweep.nc"), SweptSets.of_dataset(d)
+    assert by_columns.names == by_dataset.names and set(by_columns.gains) == {"kp", "ki", "kd", "td", "ti"}
+    assert by_columns.attrs == by_dataset.attrs == d.attrs and len(by_columns) == 20
+    for name in (*by_columns.names, *by_columns.gains, "experiment", "band_low", "band_high"):
+        assert by_columns[name].dtype == d[name].dtype
+        np.testing.assert_array_equal(by_columns[name], d[name].values)
+    rows = np.array([7, 2])
+    for sets in (by_columns, by_dataset):
+        np.testing.assert_array_equal(sets.in_bands("band_stiffness", rows), d.band_stiffness.values[rows])
+        np.testing.assert_array_equal(sets.some(rows)["score"], d.score.values[rows])
+        np.testing.assert_array_equal(sets.some(rows).some(np.array([1]))["score"], d.score.values[rows[1:]])
 
 
 def test_a_form_is_swept_where_it_has_the_gains(rig):

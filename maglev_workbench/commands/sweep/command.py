@@ -71,7 +71,7 @@ def sweep(
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig_file import load_rig
     from tuning.sweep import Sweep, default_axes
-    from tuning.sweep_run import SPEC, run_sweep
+    from tuning.sweep_run import SPEC, swept_file
 
     loaded = load_rig(rig)
     if not loaded.controlled:
@@ -90,6 +90,7 @@ def sweep(
     from maglev_workbench.commands.sweep.report import sweep_page, sweep_summary, sweep_tables
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
+    from tuning.swept_sets import SweptSets
 
     total = plan.count
     reused = 0
@@ -103,16 +104,17 @@ def sweep(
             bar.advance(task, count)
 
         try:
-            dataset = run_sweep(plan, folder, threads, advance, spread)
+            file = swept_file(plan, folder, threads, advance, spread)
         except KeyboardInterrupt:
             console.print(f"stopped; finished work is in {folder}: run the same command again to continue")
             raise
     seconds = perf_counter() - started
-    summary = sweep_summary(dataset, seconds, reused)
+    sets = SweptSets.of_file(file)
+    summary = sweep_summary(sets, seconds, reused)
     page = folder / "sweep.html"
-    write_page(page, sweep_page(dataset), [folder / "sweep.nc", json_file])
+    write_page(page, sweep_page(sets), [file, json_file])
     write_json(json_file, summary)
-    for part in sweep_tables(dataset):
+    for part in sweep_tables(sets):
         console.print(part)
     rate = summary["experiments_per_second"]
     console.print(
@@ -120,4 +122,4 @@ def sweep(
         + (f", {rate:.0f} experiments/s" if rate else "")
         + (f", {reused} reused from {folder}" if reused else "")
     )
-    console.print(f"data  {folder / 'sweep.nc'}\npage  {page}")
+    console.print(f"data  {file}\npage  {page}")

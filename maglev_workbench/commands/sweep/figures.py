@@ -20,9 +20,9 @@ from maglev_workbench.page import (
     shaded,
     styled,
 )
+from tuning.swept_sets import SweptSets
 
 if TYPE_CHECKING:
-    import xarray as xr
     from plotly.basedatatypes import BaseTraceType
     from plotly.graph_objects import Figure, Scatter
 
@@ -42,24 +42,24 @@ _INFEASIBLE = "%{text}<extra>infeasible</extra>"
 WORST_SENSITIVITY = 6.0  # end of the colour scale: a loop with a larger peak is not useful
 
 
-def shown_gains(dataset: "xr.Dataset") -> list[str]:
+def shown_gains(sets: SweptSets) -> list[str]:
     """Gains that tables and figures of a sweep show: those of a PID, and all others that differ."""
-    gains = [name for name in SHOWN if name in dataset.coords]
-    return [name for name in gains if name in PID or np.unique(dataset[name].values).size > 1]
+    gains = [name for name in SHOWN if name in sets.gains]
+    return [name for name in gains if name in PID or np.unique(sets[name]).size > 1]
 
 
-def gains_in_words(dataset: "xr.Dataset") -> list[str]:
+def gains_in_words(sets: SweptSets) -> list[str]:
     """The shown gains of every experiment, in display units."""
-    columns = [(name, dataset[name].values * SHOWN[name][0], SHOWN[name][1]) for name in shown_gains(dataset)]
+    columns = [(name, sets[name] * SHOWN[name][0], SHOWN[name][1]) for name in shown_gains(sets)]
     return [
         ", ".join(f"{name} {number(values[i])} {unit}".rstrip() for name, values, unit in columns)
-        for i in range(dataset.sizes["experiment"])
+        for i in range(len(sets))
     ]
 
 
-def over_gains(dataset: "xr.Dataset") -> "list[tuple[str, str | Figure]]":
+def over_gains(sets: SweptSets) -> "list[tuple[str, str | Figure]]":
     """The four quantities over the swept gains, as maps, lines or points according to the layout of the sweep."""
-    counts = {name: np.unique(dataset[name].values).size for name in shown_gains(dataset)}
+    counts = {name: np.unique(sets[name]).size for name in shown_gains(sets)}
     swept = _across([name for name, count in counts.items() if count > 1])
     if not swept:
         return []
@@ -68,16 +68,16 @@ def over_gains(dataset: "xr.Dataset") -> "list[tuple[str, str | Figure]]":
         text = (
             "Shaded: 95 %. Thick: the stability border, half way between two gains. Grey: infeasible. Star: the best."
         )
-        return [(f"Over {swept[0]}", _lines(dataset, swept[0])), ("", note(text))]
-    points = {tuple(p) for p in zip(*(dataset[name].values for name in swept), strict=True)}
-    if len(swept) <= 3 and len(points) == dataset.sizes["experiment"] == prod(counts[name] for name in swept):
+        return [(f"Over {swept[0]}", _lines(sets, swept[0])), ("", note(text))]
+    points = {tuple(p) for p in zip(*(sets[name] for name in swept), strict=True)}
+    if len(swept) <= 3 and len(points) == len(sets) == prod(counts[name] for name in swept):
         text = (
             "Thick: the stability border, half way between grid points. Grey: infeasible. Star: the best shown, filled "
         )
         text += "where it is the best of all. Thin: peak |S| 3, 4 and 5, where the zones of ISO 14839-3 meet." + colours
-        return [("Maps over the gains", _maps(dataset, swept)), ("", note(text))]
+        return [("Maps over the gains", _maps(sets, swept)), ("", note(text))]
     text = "Crosses: infeasible. Star: the best. Every point shows its other gains on hover." + colours
-    return [("Points over the gains", _points(dataset, swept)), ("", note(text))]
+    return [("Points over the gains", _points(sets, swept)), ("", note(text))]
 
 
 def _across(swept: list[str]) -> list[str]:
@@ -86,42 +86,42 @@ def _across(swept: list[str]) -> list[str]:
     return ahead + [name for name in swept if name not in ahead] if len(swept) > 2 else swept
 
 
-def _shown(dataset: "xr.Dataset", name: str, of: str = "") -> np.ndarray:
+def _shown(sets: SweptSets, name: str, of: str = "") -> np.ndarray:
     """A variable in display units of its quantity `of`, (experiments,); nan if infeasible or unbounded."""
-    value = dataset[name].values * QUANTITIES[of or name][0]
-    return np.where(dataset["feasible"].values & np.isfinite(value), value, np.nan)
+    value = sets[name] * QUANTITIES[of or name][0]
+    return np.where(sets["feasible"] & np.isfinite(value), value, np.nan)
 
 
-def _hover(dataset: "xr.Dataset") -> dict[str, np.ndarray]:
+def _hover(sets: SweptSets) -> dict[str, np.ndarray]:
     """customdata (experiments, 5 + gains) for hover texts, and texts (experiments,) on why a set is infeasible."""
-    gains = [dataset[name].values * SHOWN[name][0] for name in shown_gains(dataset)]
-    values = [*(_shown(dataset, name) for name in QUANTITIES), dataset["phase_margin"].values, *gains]
-    times = dataset["touchdown_time"].values
+    gains = [sets[name] * SHOWN[name][0] for name in shown_gains(sets)]
+    values = [*(_shown(sets, name) for name in QUANTITIES), sets["phase_margin"], *gains]
+    times = sets["touchdown_time"]
     why = ["unstable loop" if np.isnan(t) else f"touched down after {t:.3g} s" for t in times]
     return {"customdata": np.stack(values, axis=-1), "text": np.array(why)}
 
 
-def _templates(dataset: "xr.Dataset") -> tuple[str, str]:
+def _templates(sets: SweptSets) -> tuple[str, str]:
     """Hover texts of feasible and of infeasible sets; the gains stand in customdata from the sixth place on."""
     parts = []
-    for i, name in enumerate(shown_gains(dataset), 5):
+    for i, name in enumerate(shown_gains(sets), 5):
         parts.append(f"{name} %{{customdata[{i}]:.4g}} {SHOWN[name][1]}".rstrip())
     where = ", ".join(parts) + "<br>"
     return where + _HOVER, where + _INFEASIBLE
 
 
-def _axis(dataset: "xr.Dataset", name: str) -> dict[str, Any]:
+def _axis(sets: SweptSets, name: str) -> dict[str, Any]:
     scale, unit = SHOWN[name]
-    return labelled_axis(f"{name} in {unit}", dataset[name].values * scale, dataset.attrs.get("log") == "true")
+    return labelled_axis(f"{name} in {unit}", sets[name] * scale, sets.attrs.get("log") == "true")
 
 
-def _gain_panels(dataset: "xr.Dataset", x: str, y: str) -> "Figure":
+def _gain_panels(sets: SweptSets, x: str, y: str) -> "Figure":
     """Empty panels of the quantities over two gains, with their colour scales."""
     scales = []
     for name, (_, label, colours) in QUANTITIES.items():
         ends = {"peak_sensitivity": (1, WORST_SENSITIVITY), "score": (0, 1)}.get(name)
-        scales.append((label, colours, *(ends or np.nanpercentile(_shown(dataset, name), [2, 98]))))
-    return colour_panels(scales, _axis(dataset, x), _axis(dataset, y))
+        scales.append((label, colours, *(ends or np.nanpercentile(_shown(sets, name), [2, 98]))))
+    return colour_panels(scales, _axis(sets, x), _axis(sets, y))
 
 
 def _reached_out(values: np.ndarray, log: bool) -> np.ndarray:
@@ -131,16 +131,16 @@ def _reached_out(values: np.ndarray, log: bool) -> np.ndarray:
     return np.exp(v) if log else v
 
 
-def _maps(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
+def _maps(sets: SweptSets, swept: Sequence[str]) -> "Figure":
     """Heat maps over two gains with the stability border; a slider selects the third gain."""
     x, y, *slid = swept
-    order = np.lexsort([dataset[name].values for name in (x, y, *slid)])
-    slices = order.reshape(-1, np.unique(dataset[y].values).size, np.unique(dataset[x].values).size)
-    best = int(np.where(dataset["feasible"], dataset["score"], -1.0).argmax())
+    order = np.lexsort([sets[name] for name in (x, y, *slid)])
+    slices = order.reshape(-1, np.unique(sets[y]).size, np.unique(sets[x]).size)
+    best = int(np.where(sets["feasible"], sets["score"], -1.0).argmax())
     first = int(np.flatnonzero((slices == best).any(axis=(1, 2)))[0])
-    figure, owner = _gain_panels(dataset, x, y), []
+    figure, owner = _gain_panels(sets, x, y), []
     for s, cells in enumerate(slices):
-        for panel, trace in _map_traces(dataset, cells, x, y, best):
+        for panel, trace in _map_traces(sets, cells, x, y, best):
             trace.visible = s == first
             figure.add_trace(trace, row=panel // 2 + 1, col=panel % 2 + 1)
             owner.append(s)
@@ -148,23 +148,21 @@ def _maps(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
         scale, unit = SHOWN[slid[0]]
         steps = []
         for s, cells in enumerate(slices):
-            label = number(float(dataset[slid[0]][cells[0, 0]]) * scale)
+            label = number(float(sets[slid[0]][cells[0, 0]]) * scale)
             steps.append({"method": "restyle", "label": label, "args": [{"visible": [o == s for o in owner]}]})
         prefix = {"prefix": f"{slid[0]} in {unit}: "}
         figure.update_layout(sliders=[{"active": first, "steps": steps, "currentvalue": prefix, "pad": {"t": 60}}])
     return figure
 
 
-def _map_traces(
-    dataset: "xr.Dataset", cells: np.ndarray, x: str, y: str, best: int
-) -> "list[tuple[int, BaseTraceType]]":
+def _map_traces(sets: SweptSets, cells: np.ndarray, x: str, y: str, best: int) -> "list[tuple[int, BaseTraceType]]":
     """The traces of one slice with their panels; cells: experiments (y, x); best: experiment of the best score."""
     from plotly.graph_objects import Contour, Heatmap
 
-    hover, ok, log = _hover(dataset), dataset["feasible"].values[cells], dataset.attrs.get("log") == "true"
-    at_x, at_y = dataset[x].values[cells[0]] * SHOWN[x][0], dataset[y].values[cells[:, 0]] * SHOWN[y][0]
+    hover, ok, log = _hover(sets), sets["feasible"][cells], sets.attrs.get("log") == "true"
+    at_x, at_y = sets[x][cells[0]] * SHOWN[x][0], sets[y][cells[:, 0]] * SHOWN[y][0]
     cell = {"x": at_x, "y": at_y, "customdata": hover["customdata"][cells], "hoverongaps": False}
-    feasible, infeasible = _templates(dataset)
+    feasible, infeasible = _templates(sets)
     grey = {"z": np.where(ok, np.nan, 0.0), "colorscale": [INFEASIBLE, INFEASIBLE], "showscale": False}
     grey |= {"text": hover["text"][cells], "hovertemplate": infeasible}
     border = {"x": _reached_out(at_x, log), "y": _reached_out(at_y, log), "z": np.pad(ok.astype(float), 1, mode="edge")}
@@ -172,7 +170,7 @@ def _map_traces(
     border |= {"line": {"color": "black", "width": 4, "smoothing": 0}, "hoverinfo": "skip"}
     traces: list[tuple[int, BaseTraceType]] = []
     for panel, name in enumerate(QUANTITIES):
-        z = _shown(dataset, name)[cells]
+        z = _shown(sets, name)[cells]
         traces.append((panel, Heatmap(**cell, **grey)))
         traces.append((panel, Heatmap(**cell, z=z, coloraxis=f"coloraxis{panel + 1}", hovertemplate=feasible)))
         traces.append((panel, Contour(**border)))
@@ -181,52 +179,52 @@ def _map_traces(
             line = {"color": "white", "width": 1.5, "smoothing": 0}
             traces.append((panel, Contour(x=at_x, y=at_y, z=z, contours=zones, line=line, hoverinfo="skip")))
         if ok.any():
-            score = np.where(ok, dataset["score"].values[cells], -1.0)
+            score = np.where(ok, sets["score"][cells], -1.0)
             here = cells.ravel()[score.argmax()]
-            traces.append((panel, _star(dataset, here, x, y, "star" if here == best else "star-open")))
+            traces.append((panel, _star(sets, here, x, y, "star" if here == best else "star-open")))
     return traces
 
 
-def _star(dataset: "xr.Dataset", best: int, x: str, y: str, symbol: str = "star") -> "Scatter":
+def _star(sets: SweptSets, best: int, x: str, y: str, symbol: str = "star") -> "Scatter":
     from plotly.graph_objects import Scatter
 
-    at = {axis: [float(dataset[name][best]) * SHOWN[name][0]] for axis, name in (("x", x), ("y", y))}
+    at = {axis: [float(sets[name][best]) * SHOWN[name][0]] for axis, name in (("x", x), ("y", y))}
     marker = {"symbol": symbol, "size": 16, "color": STAR, "line": {"color": "white", "width": 1.5}}
     return Scatter(**at, mode="markers", marker=marker, hoverinfo="skip")
 
 
-def _points(dataset: "xr.Dataset", swept: Sequence[str]) -> "Figure":
+def _points(sets: SweptSets, swept: Sequence[str]) -> "Figure":
     """Scattered gain sets over two of the gains, coloured; infeasible ones as crosses."""
     from plotly import graph_objects as go
 
     x, y = swept[:2]
-    hover, ok, figure = _hover(dataset), dataset["feasible"].values, _gain_panels(dataset, x, y)
-    at_x, at_y = (dataset[name].values * SHOWN[name][0] for name in (x, y))
+    hover, ok, figure = _hover(sets), sets["feasible"], _gain_panels(sets, x, y)
+    at_x, at_y = (sets[name] * SHOWN[name][0] for name in (x, y))
     cross = {"symbol": "x-thin", "size": 7, "line": {"color": "#999", "width": 1.5}}
-    best = int(np.where(ok, dataset["score"], -1.0).argmax())
-    feasible, infeasible = _templates(dataset)
+    best = int(np.where(ok, sets["score"], -1.0).argmax())
+    feasible, infeasible = _templates(sets)
     for p, name in enumerate(QUANTITIES):
-        colour = {"color": _shown(dataset, name)[ok], "coloraxis": f"coloraxis{p + 1}", "size": 9}
+        colour = {"color": _shown(sets, name)[ok], "coloraxis": f"coloraxis{p + 1}", "size": 9}
         panel = {"row": p // 2 + 1, "col": p % 2 + 1}
         for some, marker, template in ((~ok, cross, infeasible), (ok, colour, feasible)):
             trace = {"x": at_x[some], "y": at_y[some], "mode": "markers", "marker": marker, "hovertemplate": template}
             figure.add_trace(go.Scatter(**trace, **{key: value[some] for key, value in hover.items()}), **panel)
-        figure.add_trace(_star(dataset, best, x, y), **panel)
+        figure.add_trace(_star(sets, best, x, y), **panel)
     return figure
 
 
-def _lines(dataset: "xr.Dataset", x: str) -> "Figure":
+def _lines(sets: SweptSets, x: str) -> "Figure":
     """The quantities over one gain with 95 % bands and the stability borders."""
     from plotly import graph_objects as go
     from plotly.subplots import make_subplots
 
-    data = dataset.isel(experiment=np.argsort(dataset[x].values, kind="stable"))
-    log, at, ok = data.attrs.get("log") == "true", data[x].values * SHOWN[x][0], data["feasible"].values
+    data = sets.some(np.argsort(sets[x], kind="stable"))
+    log, at, ok = data.attrs.get("log") == "true", data[x] * SHOWN[x][0], data["feasible"]
     middle = np.sqrt(at[1:] * at[:-1]) if log else (at[1:] + at[:-1]) / 2
     edges = np.concatenate([at[:1], middle, at[-1:]])
     best, hover = int(np.where(ok, data["score"], -1.0).argmax()), _hover(data)
     figure = make_subplots(2, 2, subplot_titles=[label for _, label, _ in QUANTITIES.values()], vertical_spacing=0.13)
-    half = NORMAL_95 * data["peak_sensitivity_se"].values
+    half = NORMAL_95 * data["peak_sensitivity_se"]
     for p, name in enumerate(QUANTITIES):
         panel = {"row": p // 2 + 1, "col": p % 2 + 1}
         y = _shown(data, name)
@@ -237,7 +235,7 @@ def _lines(dataset: "xr.Dataset", x: str) -> "Figure":
             figure.add_trace(shaded(at, y - half, y + half, COLOURS[0]), **panel)
             figure.update_yaxes(range=[0, min(1.1 * np.nanmax(y + half), 2 * WORST_SENSITIVITY)], **panel)
             mark_iso_zones(figure, **panel)
-        trace = {"x": at, "y": y, "customdata": hover["customdata"], "hovertemplate": _templates(dataset)[0]}
+        trace = {"x": at, "y": y, "customdata": hover["customdata"], "hovertemplate": _templates(sets)[0]}
         figure.add_trace(go.Scatter(**trace, mode="lines+markers", line={"color": COLOURS[0]}), **panel)
         marker = {"symbol": "star", "size": 15, "color": STAR}
         figure.add_trace(go.Scatter(x=at[[best]], y=y[[best]], marker=marker, hoverinfo="skip"), **panel)
@@ -250,22 +248,22 @@ def _lines(dataset: "xr.Dataset", x: str) -> "Figure":
     return styled(figure, 760)
 
 
-def best_bands(dataset: "xr.Dataset", rows: Sequence[Mapping[str, Any]]) -> "Figure":
+def best_bands(sets: SweptSets, rows: Sequence[Mapping[str, Any]]) -> "Figure":
     """Stiffness and damping in the sliding bands of a few gain sets with 95 % bands."""
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
     units = {"stiffness": "kN/m", "damping": "N s/m"}
     figure = styled(make_subplots(1, 2, subplot_titles=[QUANTITIES[name][1] for name in units]), 440)
-    centre = (dataset["band_low"].values + dataset["band_high"].values) / 2
-    chosen = dataset.sel(experiment=[row["experiment"] for row in rows])
+    centre = (sets["band_low"] + sets["band_high"]) / 2
+    chosen = np.array([row["experiment"] for row in rows])
     for col, (name, unit) in enumerate(units.items(), 1):
-        value, half = (chosen[v].values * QUANTITIES[name][0] for v in (f"band_{name}", f"band_{name}_se"))
+        value, half = (sets.in_bands(v, chosen) * QUANTITIES[name][0] for v in (f"band_{name}", f"band_{name}_se"))
         low, high = np.nanpercentile(value, [8, 97])
         pad = 0.3 * (high - low) + 0.05 * abs(high)
         figure.update_yaxes(range=[low - pad, high + pad], row=1, col=col)
         for i, (row, colour, dash) in enumerate(zip(rows, COLOURS, ("solid", "dash", "dot"), strict=False)):
-            gains = ", ".join(f"{g} {number(row['gains'][g] * SHOWN[g][0])}" for g in shown_gains(dataset))
+            gains = ", ".join(f"{g} {number(row['gains'][g] * SHOWN[g][0])}" for g in shown_gains(sets))
             reach = NORMAL_95 * half[i]
             figure.add_trace(
                 shaded(centre, value[i] - reach, value[i] + reach, colour, legendgroup=gains), row=1, col=col

@@ -25,10 +25,10 @@ from maglev_workbench.goal_page import (
     values_of,
 )
 from maglev_workbench.page import effects_in_words, note, number, page, rig_facts, table, with_interval
+from tuning.swept_sets import SweptSets
 
 if TYPE_CHECKING:
     import rich.table
-    import xarray as xr
     from plotly.graph_objects import Figure
 
 MOST_DRAWN = 20_000  # gain sets on a page: some 10 MB
@@ -37,16 +37,15 @@ _HEAD = ("score", "stiffness\nkN/m", "damping\nN s/m", "peak |S|\n",
 _IN_TERMINAL = 5  # of _HEAD, behind the gains
 
 
-def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
+def best_rows(sets: SweptSets, count: int = 10) -> list[dict[str, Any]]:
     """The best feasible gain sets, best first, as JSON data in SI; margins outside the excited lines are None.
 
     Each: experiment, gains, score, terms, stiffness and damping with *_ci (95 %, an unbounded end None),
     peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms; of a goal
     required_* with _low and _high.
     """
-    gains = [name for name in SHOWN if name in dataset.coords]
-    plain_ones = (name for name, v in dataset.data_vars.items() if v.dims == ("experiment",))
-    values = {str(name): dataset[name].values for name in (*plain_ones, *gains, "experiment")}
+    gains = [name for name in SHOWN if name in sets.gains]
+    values = {name: sets[name] for name in (*sets.names, *gains, "experiment")}
     order = np.argsort(-np.where(values["feasible"], values["score"], -np.inf), kind="stable")
     direct = ("experiment", "score", "stiffness", "damping", "peak_sensitivity", "peak_sensitivity_se", "phase_margin",
               "gain_margin_low", "gain_margin_high", "peak_displacement", "current_rms")  # fmt: skip
@@ -62,20 +61,20 @@ def best_rows(dataset: "xr.Dataset", count: int = 10) -> list[dict[str, Any]]:
     return rows
 
 
-def sweep_goal(dataset: "xr.Dataset") -> Goal | None:
+def sweep_goal(sets: SweptSets) -> Goal | None:
     """The goal that the sets were scored by; None for `match`."""
-    rig = json.loads(dataset.attrs.get("rig", "{}"))
+    rig = json.loads(sets.attrs.get("rig", "{}"))
     text = rig.get("target", {}).get("goal", MATCH)
     return None if text == MATCH else parse_goal(text)
 
 
-def sweep_tables(dataset: "xr.Dataset") -> "Iterator[str | rich.table.Table]":
+def sweep_tables(sets: SweptSets) -> "Iterator[str | rich.table.Table]":
     """Tables for a terminal: the best gain sets, and how the best one stands to the goal's requirements."""
     from rich import box
     from rich.table import Table
 
-    yield sweep_table(dataset)
-    goal, best = sweep_goal(dataset), best_rows(dataset, 1)
+    yield sweep_table(sets)
+    goal, best = sweep_goal(sets), best_rows(sets, 1)
     if goal and best:
         grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title="The best set and its goal")
         for i, name in enumerate(HEAD):
@@ -85,35 +84,35 @@ def sweep_tables(dataset: "xr.Dataset") -> "Iterator[str | rich.table.Table]":
         yield grid
 
 
-def sweep_table(dataset: "xr.Dataset", count: int = 10) -> "rich.table.Table":
+def sweep_table(sets: SweptSets, count: int = 10) -> "rich.table.Table":
     """Table of the best gain sets in 80 columns; margins, displacement and current are in the page and the dataset."""
     from rich import box
     from rich.table import Table
 
-    rows = best_rows(dataset, count)
-    result = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=_counts(dataset))
-    head = _head(dataset)
+    rows = best_rows(sets, count)
+    result = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=_counts(sets))
+    head = _head(sets)
     columns = len(head) - len(_HEAD) + _IN_TERMINAL
     for name in head[:columns]:
         result.add_column(name, justify="right")
     for i, row in enumerate(rows):
-        result.add_row(*_cells(dataset, i, row)[:columns], style="bold" if i == 0 else "")
+        result.add_row(*_cells(sets, i, row)[:columns], style="bold" if i == 0 else "")
     result.caption = "± and [ ]: 95 % intervals; – : not within the excited lines" if rows else "nothing feasible"
     return result
 
 
-def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[str, Any]:
+def sweep_summary(sets: SweptSets, seconds: float, reused: int) -> dict[str, Any]:
     """The sweep as JSON data, schema maglev-sweep/1, gains in SI; reused: experiments read from the folder."""
-    n, rows = dataset.sizes["experiment"], best_rows(dataset, 1)
-    goal, of_goal = sweep_goal(dataset), {}
+    n, rows = len(sets), best_rows(sets, 1)
+    goal, of_goal = sweep_goal(sets), {}
     if goal:
         of_goal = {"goal": goal.text, "requirements": requirements_json(goal, rows[0]) if rows else None}
     return {
         "schema": "maglev-sweep/1",
         "version": version("maglev-workbench"),
         "n": n,
-        "stable": int((dataset["pole_radius"] < 1).sum()),
-        "feasible": int(dataset["feasible"].sum()),
+        "stable": int((sets["pole_radius"] < 1).sum()),
+        "feasible": int(sets["feasible"].sum()),
         "best": {n: v for n, v in rows[0].items() if not n.startswith(PREFIX)} if rows else None,
         **of_goal,
         "seconds": float(seconds),
@@ -122,31 +121,31 @@ def sweep_summary(dataset: "xr.Dataset", seconds: float, reused: int) -> dict[st
     }
 
 
-def sweep_page(dataset: "xr.Dataset") -> str:
+def sweep_page(sets: SweptSets) -> str:
     """The HTML of a sweep: best gain sets, maps (grid), lines (one swept gain) or points (scattered), best spectra."""
-    rig = json.loads(dataset.attrs.get("rig", "{}"))
+    rig = json.loads(sets.attrs.get("rig", "{}"))
     band = rig.get("target", {}).get("band")
     where = f" Stiffness and damping: maximum likelihood over {band[0]:g} to {band[1]:g} Hz." if band else ""
-    rows, goal = best_rows(dataset), sweep_goal(dataset)
+    rows, goal = best_rows(sets), sweep_goal(sets)
     sections: list[tuple[str, str | Figure]] = []
     if rows:
-        best = dict(zip(_head(dataset), _cells(dataset, 0, rows[0]), strict=True))
-        gains = ", ".join(f"{g} {best[_column(g)]} {SHOWN[g][1]}".rstrip() for g in shown_gains(dataset))
+        best = dict(zip(_head(sets), _cells(sets, 0, rows[0]), strict=True))
+        gains = ", ".join(f"{g} {best[_column(g)]} {SHOWN[g][1]}".rstrip() for g in shown_gains(sets))
         summary = (
-            f"{_counts(dataset)}. Best: {gains} with score {best['score']}: stiffness {best[_HEAD[1]]} kN/m, damping "
+            f"{_counts(sets)}. Best: {gains} with score {best['score']}: stiffness {best[_HEAD[1]]} kN/m, damping "
             f"{best[_HEAD[2]]} N s/m, peak |S| {best[_HEAD[3]]}."
         )
-        best = table(_head(dataset), [_cells(dataset, i, row) for i, row in enumerate(rows)])
+        best = table(_head(sets), [_cells(sets, i, row) for i, row in enumerate(rows)])
         sections.append(("Best gain sets", f'<div class="best">{best}</div>'))
         sections.append(("", note("± and [ ] are 95 % intervals; – : not within the excited lines." + where)))
         if goal:
-            sections += _goal_sections(dataset, goal, rows)
+            sections += _goal_sections(sets, goal, rows)
         if goal and goal.requirements:
             summary += f" It {missed_in_words(goal, rows[0])}."
-        sections += over_gains(drawn := _drawn(dataset))
-        if drawn is not dataset:
-            sections.append(("", note(f"Drawn: the best {MOST_DRAWN:,} of {dataset.sizes['experiment']:,} gain sets.")))
-        sections.append(("Stiffness and damping against frequency, best three", best_bands(dataset, rows[:3])))
+        sections += over_gains(drawn := _drawn(sets))
+        if drawn is not sets:
+            sections.append(("", note(f"Drawn: the best {MOST_DRAWN:,} of {len(sets):,} gain sets.")))
+        sections.append(("Stiffness and damping against frequency, best three", best_bands(sets, rows[:3])))
         sections.append(
             (
                 "",
@@ -165,9 +164,9 @@ def sweep_page(dataset: "xr.Dataset") -> str:
         text = "Terms from 0 to 1, 1 where the target is met; " + (how if goal else "below each name its weight") + "."
         sections.append(("", note(text)))
     else:
-        near = int(dataset["pole_radius"].values.argmin())
-        summary = f"{_counts(dataset)}: there is no best gain set."
-        gains, radius = gains_in_words(dataset)[near], float(dataset["pole_radius"][near])
+        near = int(sets["pole_radius"].argmin())
+        summary = f"{_counts(sets)}: there is no best gain set."
+        gains, radius = gains_in_words(sets)[near], float(sets["pole_radius"][near])
         why = "unstable" if radius >= 1 else "stable, yet the excitation makes it touch down"
         sections.append(
             (
@@ -175,29 +174,27 @@ def sweep_page(dataset: "xr.Dataset") -> str:
                 note(f"{gains}: largest pole radius {radius:.4f}, {why}."),
             )
         )
-    return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(dataset.attrs, rig))
+    return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(sets.attrs, rig))
 
 
-def _drawn(dataset: "xr.Dataset") -> "xr.Dataset":
+def _drawn(sets: SweptSets) -> SweptSets:
     """The experiments that a page draws: all, or the best MOST_DRAWN, because more would make a page too large."""
-    if dataset.sizes["experiment"] <= MOST_DRAWN:
-        return dataset
-    score = np.where(dataset["feasible"].values, dataset["score"].values, -1.0)
+    if len(sets) <= MOST_DRAWN:
+        return sets
+    score = np.where(sets["feasible"], sets["score"], -1.0)
     best = np.sort(np.argpartition(-score, MOST_DRAWN)[:MOST_DRAWN])
-    return dataset.drop_dims("band").isel(experiment=best)
+    return sets.some(best)
 
 
-def _goal_sections(
-    dataset: "xr.Dataset", goal: Goal, rows: Sequence[Mapping[str, Any]]
-) -> "list[tuple[str, str | Figure]]":
-    dataset = _drawn(dataset)
-    columns = {name: dataset[name].values for name in dataset.data_vars}
-    values, feasible = values_of(columns, shown_names(goal)), dataset["feasible"].values.astype(bool)
-    sets = [(f"{i + 1}", row) for i, row in enumerate(rows[:3])]
-    hover = gains_in_words(dataset)
-    best = int(np.flatnonzero(dataset["experiment"].values == rows[0]["experiment"])[0])
+def _goal_sections(sets: SweptSets, goal: Goal, rows: Sequence[Mapping[str, Any]]) -> "list[tuple[str, str | Figure]]":
+    sets = _drawn(sets)
+    columns = {name: sets[name] for name in sets.names}
+    values, feasible = values_of(columns, shown_names(goal)), sets["feasible"].astype(bool)
+    best_three = [(f"{i + 1}", row) for i, row in enumerate(rows[:3])]
+    hover = gains_in_words(sets)
+    best = int(np.flatnonzero(sets["experiment"] == rows[0]["experiment"])[0])
     first, second = (r.quantity.words for r in pair_of(goal))
-    bars = [("Requirements of the best three", requirement_bars(goal, sets))] if goal.requirements else []
+    bars = [("Requirements of the best three", requirement_bars(goal, best_three))] if goal.requirements else []
     return [
         *bars,
         ("" if bars else "The best set and its goal", table(HEAD, requirement_rows(goal, rows[0]))),
@@ -209,9 +206,9 @@ def _goal_sections(
     ]
 
 
-def _counts(dataset: "xr.Dataset") -> str:
-    n, stable = dataset.sizes["experiment"], int(dataset["feasible"].sum())
-    touched = int(dataset["touchdown_time"].notnull().sum())
+def _counts(sets: SweptSets) -> str:
+    n, stable = len(sets), int(sets["feasible"].sum())
+    touched = int((~np.isnan(sets["touchdown_time"])).sum())
     return (
         f"{stable} of {n} gain sets are feasible; {touched} ({100 * touched / n:.0f} %) touched down, "
         f"{n - stable - touched} more have an unstable loop"
@@ -222,18 +219,18 @@ def _column(gain: str) -> str:
     return f"{gain.replace('_', ' ')}\n{SHOWN[gain][1]}"
 
 
-def _head(dataset: "xr.Dataset") -> tuple[str, ...]:
-    return ("", *map(_column, shown_gains(dataset)), *_HEAD)
+def _head(sets: SweptSets) -> tuple[str, ...]:
+    return ("", *map(_column, shown_gains(sets)), *_HEAD)
 
 
-def _cells(dataset: "xr.Dataset", index: int, row: Mapping[str, Any]) -> list[str]:
+def _cells(sets: SweptSets, index: int, row: Mapping[str, Any]) -> list[str]:
     k, c = row["stiffness"], row["damping"]
     k_low, k_high = (None if end is None else end / 1e3 for end in row["stiffness_ci"])
     ms, se = row["peak_sensitivity"], row["peak_sensitivity_se"]
     half = np.nan if se is None else NORMAL_95 * se
     return [
         str(index + 1),
-        *(number(row["gains"][name] * SHOWN[name][0]) for name in shown_gains(dataset)),
+        *(number(row["gains"][name] * SHOWN[name][0]) for name in shown_gains(sets)),
         number(row["score"]),
         with_interval(k and k / 1e3, k_low, k_high),
         with_interval(c, *row["damping_ci"]),

@@ -12,6 +12,7 @@ from rich.console import Console
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_workbench.commands.sweep.report import best_rows, sweep_page, sweep_summary, sweep_table
 from maglev_workbench.page import number, page, with_interval, write_page
+from tuning.swept_sets import SweptSets
 
 PLOTLY = "plotly.js v"
 BORDER = '"name":"stability border"'
@@ -73,12 +74,17 @@ def dataset(gains, feasible=None, score=None, name="hmb_free"):
     return xr.Dataset(variables, coordinates, {**attributes, "effects": "{}", "identity": "abc"})
 
 
+def swept(*args, **changes):
+    """That dataset as the report takes it."""
+    return SweptSets.of_dataset(dataset(*args, **changes))
+
+
 GRID = list(product((3e3, 6e3, 12e3), (100.0, 1000.0), (1.0, 2.0, 4.0, 8.0)))
 HALF = [kd > kp / 5e3 for kp, _, kd in GRID]
 
 
 def test_best_rows_come_best_first_and_hold_only_feasible_sets():
-    data = dataset(GRID[:4], [True, False, True, True], [0.2, 0.9, 0.7, 0.4])
+    data = swept(GRID[:4], [True, False, True, True], [0.2, 0.9, 0.7, 0.4])
     rows = best_rows(data)
     assert [r["experiment"] for r in rows] == [2, 3, 0]
     assert rows[0]["gains"] == {"kp": 3e3, "ki": 100.0, "kd": 4.0, "td": 1e-4, "ti": 0.03}
@@ -90,7 +96,7 @@ def test_best_rows_come_best_first_and_hold_only_feasible_sets():
 
 
 def test_summary_counts_only_what_was_computed_now():
-    data = dataset(GRID, HALF)
+    data = swept(GRID, HALF)
     summary = sweep_summary(data, seconds=2.0, reused=14)
     json.dumps(summary, allow_nan=False)
     assert set(summary) == {"schema", "version", "n", "stable", "feasible", "best", "seconds",
@@ -106,11 +112,11 @@ def test_summary_counts_only_what_was_computed_now():
 
 def test_table_fits_110_columns():
     console = Console(width=200, file=StringIO())
-    assert console.measure(sweep_table(dataset(GRID, HALF))).maximum <= 110
+    assert console.measure(sweep_table(swept(GRID, HALF))).maximum <= 110
 
 
 def test_grid_page_has_one_plotly_the_border_and_a_slider_over_ki():
-    html = sweep_page(dataset(GRID, HALF))
+    html = sweep_page(swept(GRID, HALF))
     assert html.count(PLOTLY) == 1
     assert html.count(BORDER) == 8  # four maps, two values of ki
     assert '"sliders"' in html
@@ -118,7 +124,7 @@ def test_grid_page_has_one_plotly_the_border_and_a_slider_over_ki():
 
 
 def test_page_says_what_made_it_and_escapes_it():
-    html = sweep_page(dataset(GRID, HALF, name="<script>alert(1)</script>"))
+    html = sweep_page(swept(GRID, HALF, name="<script>alert(1)</script>"))
     assert "<script>alert" not in html
     assert "&lt;script&gt;alert(1)" in html
     assert "3 lines from 1 to 9 Hz, peak 1 N" in html
@@ -127,13 +133,13 @@ def test_page_says_what_made_it_and_escapes_it():
 
 def test_two_swept_gains_have_no_slider():
     plane = [g for g in GRID if g[1] == 100.0]
-    html = sweep_page(dataset(plane, [kd > kp / 5e3 for kp, _, kd in plane]))
+    html = sweep_page(swept(plane, [kd > kp / 5e3 for kp, _, kd in plane]))
     assert html.count(BORDER) == 4
     assert '"sliders"' not in html
 
 
 def test_one_swept_gain_gives_lines_with_the_border():
-    html = sweep_page(dataset([(8e3, 100.0, kd) for kd in (1.0, 2.0, 4.0, 8.0)], [False, True, True, True]))
+    html = sweep_page(swept([(8e3, 100.0, kd) for kd in (1.0, 2.0, 4.0, 8.0)], [False, True, True, True]))
     assert html.count(BORDER) == 4
     assert "Over kd" in html
     assert '"type":"heatmap","xaxis"' not in html and "Maps over" not in html
@@ -141,19 +147,19 @@ def test_one_swept_gain_gives_lines_with_the_border():
 
 def test_scattered_sets_give_points():
     gains = np.random.default_rng(0).uniform((3e3, 100, 1), (2e4, 1e4, 20), (16, 3))
-    html = sweep_page(dataset(gains, np.arange(16) % 3 > 0))
+    html = sweep_page(swept(gains, np.arange(16) % 3 > 0))
     assert "Points over the gains" in html
     assert html.count(PLOTLY) == 1
 
 
 def test_one_gain_set():
-    html = sweep_page(dataset(GRID[:1]))
+    html = sweep_page(swept(GRID[:1]))
     assert "1 of 1 gain sets are feasible" in html
     assert "Maps over" not in html
 
 
 def test_nothing_feasible():
-    data = dataset(GRID, np.zeros(len(GRID), bool))
+    data = swept(GRID, np.zeros(len(GRID), bool))
     assert best_rows(data) == []
     summary = sweep_summary(data, 1.0, 0)
     assert summary["best"] is None and summary["stable"] == 0
@@ -164,11 +170,11 @@ def test_nothing_feasible():
 
 @pytest.mark.parametrize("feasible", [np.ones(24, bool), np.arange(24) == 5])
 def test_a_border_free_grid_and_a_lone_survivor(feasible):
-    assert sweep_page(dataset(GRID, feasible)).count(PLOTLY) == 1
+    assert sweep_page(swept(GRID, feasible)).count(PLOTLY) == 1
 
 
 def test_equal_datasets_give_equal_pages():
-    assert sweep_page(dataset(GRID, HALF)) == sweep_page(dataset(GRID, HALF))
+    assert sweep_page(swept(GRID, HALF)) == sweep_page(swept(GRID, HALF))
 
 
 def test_numbers_are_written_to_what_their_intervals_give():
@@ -203,7 +209,7 @@ def test_a_goal_without_limits_has_a_page_without_bars():
     known = {"required_compliance": ("experiment", np.full(len(GRID), 1.9e-5)),
              "required_noise_current": ("experiment", np.full(len(GRID), 0.02))}  # fmt: skip
     data = data.assign_attrs(rig=json.dumps(rig)).assign(known)
-    html = sweep_page(data)
+    html = sweep_page(SweptSets.of_dataset(data))
     assert "The best set and its goal" in html and "as good as possible" in html
     assert "Requirements of" not in html and "requirement." not in html
 
@@ -211,14 +217,15 @@ def test_a_goal_without_limits_has_a_page_without_bars():
 def test_a_loop_that_touches_down_is_stable_and_not_feasible():
     data = dataset(GRID, HALF)
     data["pole_radius"] = ("experiment", np.full(len(GRID), 0.99))
-    summary = sweep_summary(data, 1.0, 0)
+    summary = sweep_summary(SweptSets.of_dataset(data), 1.0, 0)
     assert (summary["stable"], summary["feasible"]) == (len(GRID), sum(HALF))
 
 
 def test_gains_of_filters_are_shown_where_they_differ():
     sets = np.array(list(product([8000.0], [2000.0], [5.0], [600.0, 700.0], [0.1, 0.3])))
     filters = {"notch_frequency": ("experiment", sets[:, 3]), "notch_depth": ("experiment", sets[:, 4])}
-    d = dataset(sets[:, :3]).assign_coords(filters | {"notch_width": ("experiment", np.full(len(sets), 0.5))})
+    filters |= {"notch_width": ("experiment", np.full(len(sets), 0.5))}
+    d = SweptSets.of_dataset(dataset(sets[:, :3]).assign_coords(filters))
     wanted = {"notch_frequency": 700.0, "notch_depth": 0.3, "notch_width": 0.5}
     assert best_rows(d, 1)[0]["gains"].items() >= wanted.items()
     heads = [column.header for column in sweep_table(d).columns]
