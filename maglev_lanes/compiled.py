@@ -35,7 +35,28 @@ def compiled(kernel: Callable, fast: bool = True) -> Callable:
     _interleave()
     _uncollected()
     sign(kernel)
-    return nb.njit(fastmath=FAST if fast else False, error_model="numpy", nogil=True, cache=True)(kernel)
+    made = nb.njit(fastmath=FAST if fast else False, error_model="numpy", nogil=True)(kernel)
+    made._cache = _kept()(made.py_func)
+    return made
+
+
+@cache
+def _kept() -> type:
+    """numba's disk cache of a function, which loads machine code without what the compiler needs to make some.
+
+    numba would first declare to itself every function that it can compile: three times what it takes to load all
+    kernels of a sweep. Where nothing is found, the compiler does so when it begins.
+    """
+    from numba.core.caching import FunctionCache
+    from numba.core.runtime import rtsys
+
+    class Kept(FunctionCache):
+        def load_overload(self, sig: object, target_context: object) -> object:
+            rtsys.initialize(target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
+
+    return Kept
 
 
 def sign(kernel: Callable) -> None:

@@ -1,7 +1,7 @@
 """The file of a sweep's results: written chunk by chunk, so that memory does not grow with the number of gain sets."""
 
-from collections.abc import Iterable, Mapping
-from itertools import chain
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BAND_ENDS = ("band_low", "band_high")
+TOGETHER = 32  # chunks that are written at a time
 LARGE = 20_000  # experiments; the results of more stay in their file
 
 
@@ -34,7 +35,7 @@ def write_sweep(
     """
     import h5netcdf
 
-    parts = iter(parts)
+    parts = _fewer(parts)
     first = next(parts)
     n, bands = len(next(iter(gains.values()))), first["bands"]
     whole = {"experiment": np.arange(n), **gains, "band_low": bands[:, 0], "band_high": bands[:, 1]}
@@ -52,6 +53,13 @@ def write_sweep(
             for name, variable in stored.items():
                 variable[start:stop] = part[name]
             start = stop
+
+
+def _fewer(parts: Iterable[Mapping[str, np.ndarray]]) -> Iterator[Mapping[str, np.ndarray]]:
+    """The same arrays in longer parts: to write one takes as long for few numbers as for many."""
+    parts = iter(parts)
+    while several := list(islice(parts, TOGETHER)):
+        yield {n: a if n == "bands" else np.concatenate([one[n] for one in several]) for n, a in several[0].items()}
 
 
 def _begun(file: "h5netcdf.File", name: str, array: np.ndarray, gains: Iterable[str]) -> "h5netcdf.Variable":

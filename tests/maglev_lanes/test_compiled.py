@@ -1,6 +1,9 @@
 """The key of a kernel in the disk cache: what it reaches, and nothing else."""
 
 import gc
+import os
+import subprocess
+import sys
 
 import pytest
 from numba.core import event
@@ -94,3 +97,21 @@ def test_no_garbage_is_collected_while_the_compiler_runs_and_then_as_before(monk
     finally:
         gc.enable()
     assert watch.seen == {False}
+
+
+IN_A_PROCESS = """
+import numpy as np
+from numba.core.registry import cpu_target
+from maglev_lanes.line_spectra import LineSpectra
+from maglev_lanes.layout import LANES
+
+series = np.random.default_rng(1).standard_normal((40, 1, LANES))
+print(LineSpectra(40, np.array([3]))(series, 0).sum(), len(cpu_target.typing_context._functions) > 0)
+"""
+
+
+def test_a_kernel_that_was_kept_is_loaded_without_declaring_what_the_compiler_knows(tmp_path):
+    command, own = [sys.executable, "-c", IN_A_PROCESS], os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    made, loaded = (subprocess.run(command, env=own, capture_output=True, text=True, check=True) for _ in range(2))
+    (value, declared), (again, declared_too) = made.stdout.split(), loaded.stdout.split()
+    assert value == again and (declared, declared_too) == ("True", "False")
