@@ -132,6 +132,23 @@ class Workers:
         return OSError(f"the scheduler at {self._address} is gone; run the same command again to go on")
 
 
+def scheduler_of(address: str) -> tuple[tuple[str, int], int]:
+    """What an address names: host and port of a scheduler, or else a number of processes of this machine, which is then
+    above 0.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    remote, local = _ADDRESS.fullmatch(address), _LOCAL.fullmatch(address)
+    if not remote and not local:
+        raise ValueError(
+            f"--scheduler {address}: give tcp://host:8786, as dask scheduler prints it, or local:4 for 4 processes here"
+        )
+    if local and int(local[1]) > MOST_PROCESSES:
+        raise ValueError(f"--scheduler {address}: up to {MOST_PROCESSES}; more processes than cores are no use")
+    return (remote[1].strip("[]"), int(remote[2])) if remote else ("", 0), int(local[1]) if local else 0
+
+
 @contextmanager
 def workers(address: str | None, here: int | None = None) -> Iterator[Workers | None]:
     """The workers at an address while the context lasts; None without an address.
@@ -149,13 +166,7 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
     if address is None:
         yield None
         return
-    remote, local = _ADDRESS.fullmatch(address), _LOCAL.fullmatch(address)
-    if not remote and not local:
-        raise ValueError(
-            f"--scheduler {address}: give tcp://host:8786, as dask scheduler prints it, or local:4 for 4 processes here"
-        )
-    if local and int(local[1]) > MOST_PROCESSES:
-        raise ValueError(f"--scheduler {address}: up to {MOST_PROCESSES}; more processes than cores are no use")
+    remote, local = scheduler_of(address)
     if here is not None:
         raise ValueError("give either --scheduler or a number of threads or processes: the scheduler's workers count")
     try:
@@ -168,10 +179,10 @@ def workers(address: str | None, here: int | None = None) -> Iterator[Workers | 
         raise ValueError('--scheduler needs Dask: pip install "dask[distributed]" cryptography') from error
     with dask.config.set(_SETTINGS):
         if local:
-            with _processes(int(local[1])) as client:
+            with _processes(local) as client:
                 yield Workers(client, address)
             return
-        _answers(address, remote[1].strip("[]"), int(remote[2]))
+        _answers(address, *remote)
         with Client(address, timeout=TIMEOUT, set_as_default=False) as client:
             _check(client, address)
             yield Workers(client, address)

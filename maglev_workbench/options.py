@@ -19,15 +19,11 @@ from typing import Annotated, Any
 
 import typer
 
+from maglev_workbench.early import require_valid
 from maglev_workbench.heartbeat import heartbeat
+from maglev_workbench.presets import PRESETS
 from maglev_workbench.printable import printable
 
-# A preset is a file. Its folder is found without importing the simulator, which would delay --help.
-_PACKAGE = Path(find_spec("maglev_env").submodule_search_locations[0])
-PRESETS = {  # option -> its presets
-    option: tuple(sorted(file.stem for file in _PACKAGE.joinpath(f"{option}s").glob("*.toml")))
-    for option in ("rig", "rotor")
-}
 RigOption = Annotated[
     str,
     typer.Option(
@@ -75,7 +71,6 @@ SchedulerOption = Annotated[
         help="Dask scheduler, tcp://host:8786, or local:N for N processes here; results do not change.",
     ),
 ]
-MOST_AHEAD = 4000  # characters of a file ahead of its schema
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _EXTRAS = {  # module that may be missing -> the extra that installs it
@@ -202,7 +197,7 @@ def friendly(command: Callable[..., None]) -> Callable[..., None]:
                 _require_there(kwargs.get(name))
             for name, presets in PRESETS.items():
                 _require_preset(kwargs.get(name), name, presets)
-            _require_valid(kwargs.get("rig"), kwargs.get("effect"))
+            require_valid(kwargs)
             with nullcontext() if quiet else heartbeat(command.__name__.strip("_").replace("_", "-")), _silent(quiet):
                 command(*args, **kwargs)
         except (ValueError, OSError, ArithmeticError, ModuleNotFoundError, MemoryError, BrokenExecutor) as error:
@@ -261,20 +256,6 @@ def _is_preset(name: str) -> bool:
     return any(name in names for names in PRESETS.values())
 
 
-def is_rotor(source: str) -> bool:
-    """Whether this names a rotor: one of the presets, or a file whose schema says so."""
-    if source in PRESETS["rotor"]:
-        return True
-    if not source.endswith(".toml"):
-        return False
-    from maglev_env.fields import toml_text
-
-    try:
-        return "maglev-rotor/1" in toml_text(Path(source), "rotor")[:MOST_AHEAD]
-    except (OSError, ValueError):
-        return False  # whoever loads it says what is wrong
-
-
 def _require_preset(given: str | None, option: str, presets: tuple[str, ...]) -> None:
     """Check, before the imports that take long, that this names a preset or an existing .toml file."""
     if given is None or _is_preset(given):
@@ -282,18 +263,6 @@ def _require_preset(given: str | None, option: str, presets: tuple[str, ...]) ->
     if not given.endswith(".toml"):
         raise ValueError(f"--{option} {given}: neither a preset ({', '.join(presets)}) nor a .toml file")
     _require_there(Path(given))
-
-
-def _require_valid(rig: str | None, effects: list[str] | None) -> None:
-    """Check the user's rig file and effects before the imports that take longer than these do."""
-    if effects:
-        from maglev_env.loop.effect import parse_effects
-
-        parse_effects(effects)
-    if rig is not None and rig not in PRESETS["rig"] and not is_rotor(rig):
-        from maglev_env.rig.rig_file import load_rig
-
-        load_rig(rig)
 
 
 def _said(error: BaseException) -> str:

@@ -12,6 +12,7 @@ from maglev_env.loop.gains import Controllers, gain_values, of_axis
 from maglev_env.rig.goal import MATCH
 from maglev_env.rig.rig import Rig
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"  # with which such a file begins
 MOST = 20_000  # gain sets; more would make the page slow
 _INDICES = ("experiment", "band", "band_low", "band_high")  # coordinates that are no gains
 QUANTITIES = {"score": "", "peak_sensitivity": "", "stiffness": "N/m", "damping": "N s/m"}  # with SI units
@@ -45,6 +46,22 @@ class SweepMap:
         return {name: values[index] for name, values in self.gains.items()}
 
 
+def sweep_file(path: Path) -> Path:
+    """The file of a sweep, from its folder or that file itself.
+
+    Raises:
+        ValueError: It is not written in HDF5, as the file of a sweep is.
+        FileNotFoundError: It does not exist.
+    """
+    file = path / "sweep.nc" if path.is_dir() else path
+    if not file.is_file():
+        raise FileNotFoundError(f"--sweep {path}: there is no {file}; make it with maglev sweep --out {path}")
+    with file.open("rb") as stored:
+        if stored.read(len(_HDF5)) != _HDF5:
+            raise ValueError(f"--sweep {path}: {file} is not the sweep.nc of maglev sweep")
+    return file
+
+
 def read_sweep(path: Path, rigs: Sequence[Rig], controllers: Controllers) -> SweepMap:
     """The map of a sweep's folder or its sweep.nc.
 
@@ -59,9 +76,7 @@ def read_sweep(path: Path, rigs: Sequence[Rig], controllers: Controllers) -> Swe
     """
     import xarray as xr
 
-    file = path / "sweep.nc" if path.is_dir() else path
-    if not file.is_file():
-        raise FileNotFoundError(f"--sweep {path}: there is no {file}; make it with maglev sweep --out {path}")
+    file = sweep_file(path)
     try:
         dataset = xr.load_dataset(file)
         swept_rig = json.loads(dataset.attrs["rig"])

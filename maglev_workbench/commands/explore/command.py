@@ -29,8 +29,11 @@ def explore(
     if Path(source).is_dir():
         require_campaign(Path(source))
     from maglev_workbench.commands.explore.asked import asked
+    from maglev_workbench.explore.sweep_map import sweep_file
 
     wanted = asked(source)
+    if sweep:
+        sweep_file(sweep)
     from maglev_workbench.commands.explore.measured import explored  # here because it takes long to import
     from maglev_workbench.console import console
     from maglev_workbench.explore.server import serve

@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from maglev_workbench.options import (
-    PRESETS,
     ControllerOption,
     EffectOption,
     GoalOption,
@@ -18,11 +17,11 @@ from maglev_workbench.options import (
     ThreadsOption,
     friendly,
     given,
-    is_rotor,
     require_apart,
     require_choice,
     require_folder,
 )
+from maglev_workbench.presets import PRESETS, is_rotor
 from tuning.methods import DEFAULT, METHODS, STARTS, method_of
 
 BUDGET = 10  # experiments, or recordings of a campaign
@@ -101,6 +100,10 @@ def tune(
     if method is not None:
         method_of(method).check_installed()  # before the imports that take long
     if is_rotor(rig):
+        if speeds is not None:
+            from maglev_workbench.commands.runup.asked import parse_speeds
+
+            parse_speeds(speeds)  # before the imports that take long
         from maglev_workbench.commands.tune import rotor as spinning
 
         spinning.run(
@@ -113,8 +116,10 @@ def tune(
             raise ValueError(f"--{name} is for rotors; leave it out, or tune one: --rig {', '.join(PRESETS['rotor'])}")
     method, budget, batch = method or DEFAULT, budget or BUDGET, batch or 1
     from maglev_env.channels import SENSORS
+    from maglev_env.task.protocol import PROTOCOLS
 
     require_choice(sensor, SENSORS, "--sensor")
+    require_choice(protocol, PROTOCOLS, "--protocol")
     from dataclasses import asdict
     from time import perf_counter
 
@@ -128,6 +133,16 @@ def tune(
     from maglev_env.task.gain_box import parse_tuned
     from maglev_env.task.task import make_task
     from maglev_lanes.schedule import workers
+
+    loaded, chosen = load_rig(rig), parse_effects(effect)
+    folder = out or Path(f"tune-{loaded.name}-{method}")
+    require_folder(folder)
+    names, bounds = parse_tuned(tuned)
+    task = make_task(
+        loaded, names, bounds, effects=chosen, protocol=protocol, sensor=sensor, budget=budget, goal=goal,
+        controller=controller,
+    )  # fmt: skip
+    # What is asked for is right: now the imports that take longer.
     from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
@@ -135,15 +150,7 @@ def tune(
     from tuning.study.recommendation import recommend
     from tuning.study.study import JOURNAL, SPEC, run_study
 
-    loaded, chosen = load_rig(rig), parse_effects(effect)
-    folder = out or Path(f"tune-{loaded.name}-{method}")
-    require_folder(folder)
     require_apart(json_file, folder, (SPEC, JOURNAL))
-    names, bounds = parse_tuned(tuned)
-    task = make_task(
-        loaded, names, bounds, effects=chosen, protocol=protocol, sensor=sensor, budget=budget, goal=goal,
-        controller=controller,
-    )  # fmt: skip
     start = task.box.point(of_axis(task.rig.gains, 0))
     episode = Episode(task.rig, task.target, start, seed)
     own = policy_of(policy)

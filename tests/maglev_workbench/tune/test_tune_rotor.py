@@ -83,7 +83,7 @@ def test_bad_input_is_refused_before_any_work(tmp_path, monkeypatch, arguments, 
 
 
 def test_a_rotors_file_is_known_by_its_schema(tmp_path):
-    from maglev_workbench.options import is_rotor
+    from maglev_workbench.presets import is_rotor
 
     (tmp_path / "r.toml").write_text('# mine\nschema = "maglev-rotor/1"\n')
     (tmp_path / "a.toml").write_text('schema = "maglev-rig/1"\n')
