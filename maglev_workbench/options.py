@@ -59,7 +59,9 @@ SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all noise and rand
 PolicyOption = Annotated[
     Path | None, typer.Option(help="Checkpoint of the learned tuner (default: the one of this package).")
 ]
-ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads (default: all cores); results do not change.")]
+ThreadsOption = Annotated[
+    int | None, typer.Option(min=1, help="Threads or processes (default: all cores); results do not change.")
+]
 DeviceOption = Annotated[
     str,
     typer.Option(help="Where experiments are simulated: cpu, or cuda (extra [cuda]; differs in the last digits)."),

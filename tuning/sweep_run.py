@@ -14,6 +14,7 @@ from maglev_env.evaluation.evaluation import Evaluation
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.loop.gains import gain_values, of_axis
 from maglev_env.recordings.result_folder import claim, is_empty, load_arrays, locked, save_arrays
+from maglev_lanes.processes import beside_others
 from maglev_lanes.threads import cores, one_ahead
 from tuning.sweep import Sweep, controllers, description, points
 from tuning.sweep_file import read_sweep, write_sweep
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 CHUNK = 256  # gain sets that are stored together
 _GROUPS = 4  # of ON_GPU, evaluated together: each is simulated while the one before is judged
 JUDGED_APART = 4096  # gain sets of a GPU from which on processes judge them, which take seconds to start
+# Gain sets from which on processes evaluate them on this machine's cores. They take a second to start and share no lock
+# of the interpreter, for which threads wait most of the time where an experiment is short.
+IN_PROCESSES = 4096
 SPEC = "sweep.json"
 
 
@@ -138,6 +142,11 @@ def _made(
     if workers is None:
         # A chunk alone would keep two threads busy.
         on_cpu, many = bool(chunks) and chunks[0].sweep.device == "cpu", threads or cores()
+        if on_cpu and many > 1 and sum(map(len, chunks)) >= IN_PROCESSES:
+            for i, columns in beside_others(_Chunk.columns, chunks, many, _ready):
+                yield chunks[i], columns
+                progress(len(chunks[i]))
+            return
         size = many if on_cpu else _GROUPS * ON_GPU // CHUNK
         apart = not on_cpu and many > 1 and sum(map(len, chunks)) >= JUDGED_APART
         parts = (chunks[start : start + size] for start in range(0, len(chunks), size))
@@ -149,6 +158,13 @@ def _made(
     for i, columns in workers.each(_Chunk.columns, chunks):
         yield chunks[i], columns
         progress(len(chunks[i]))  # after the caller has stored the chunk
+
+
+def _ready() -> None:
+    """Import, in another process, what it needs."""
+    from maglev_env.evaluation.judging import ready
+
+    ready()
 
 
 def _judges(processes: int) -> "AbstractContextManager[SharedPool]":

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from maglev_lanes.processes import beside_others
+
 PARENT = """
 import os, signal, sys, time
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored, and that is inherited
@@ -46,3 +48,25 @@ def test_a_process_ends_with_its_parent_however_that_ends(tmp_path, how, at):
     if left:
         os.kill(worker, signal.SIGKILL)
     assert not left
+
+
+def slowly(number: int) -> tuple[int, int]:
+    if number < 0:
+        raise ValueError("no such number")
+    time.sleep(0.1)
+    return number, os.getpid()
+
+
+def test_this_process_works_while_others_start_and_then_beside_them():
+    numbers = list(range(40))
+    found = dict(beside_others(slowly, numbers, 2, os.getpid))
+    assert [found[i][0] for i in numbers] == numbers
+    by = [found[i][1] for i in numbers]
+    assert by[0] == os.getpid() and len(set(by)) == 2
+
+
+def test_what_fails_is_told_and_the_rest_is_dropped():
+    started = time.monotonic()
+    with pytest.raises(ValueError, match="no such number"):
+        list(beside_others(slowly, [1, -1, *range(200)], 2, os.getpid))
+    assert time.monotonic() - started < 15

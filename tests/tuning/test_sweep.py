@@ -79,6 +79,14 @@ def test_a_resumed_sweep_equals_an_uninterrupted_one_bit_for_bit(rig, tmp_path, 
     assert sum(n for n, reused in again if reused) == 6 * len(finished) and sum(n for n, _ in again) == 20
 
 
+def test_a_sweep_in_processes_equals_one_on_threads_bit_for_bit(rig, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "CHUNK", 6)
+    whole, told = run_sweep(short_sweep(rig), tmp_path / "threads", threads=2), []
+    monkeypatch.setattr(module, "IN_PROCESSES", 20)
+    apart = run_sweep(short_sweep(rig), tmp_path / "apart", threads=2, progress=lambda n, reused: told.append(n))
+    assert apart.identical(whole) and sorted(told) == [2, 6, 6, 6]
+
+
 def test_a_folder_of_another_sweep_is_not_touched(rig, tmp_path):
     small = {"kp": Axis(8000.0, 8000.0, 1)}
     run_sweep(short_sweep(rig, axes=small), tmp_path / "mine")
