@@ -4,6 +4,7 @@ Each name is a folder of `maglev_workbench.commands`, whose `command.py` has the
 function imports what it needs when it is called, so that `--help` is fast.
 """
 
+import gc
 import os
 from typing import Annotated
 
@@ -31,6 +32,8 @@ COMMANDS = (  # in the order of `maglev --help`
     "selfsense",
     "blind",
 )
+
+COLLECTED = 200_000, 50, 100  # objects after which the garbage collector looks; and how often at older ones
 
 app = typer.Typer(
     name="maglev",
@@ -61,6 +64,8 @@ def _options(
     # numpy reads this when it is imported, which no command has done yet. Matrices are small here, so that several
     # threads wait for one another, and the last bits of results would depend on their number.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # What imports and figures make stays; the collector would look at all of it after every 700 objects.
+    gc.set_threshold(*COLLECTED)
 
 
 if __name__ == "__main__":

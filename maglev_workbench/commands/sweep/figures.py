@@ -23,8 +23,7 @@ from maglev_workbench.page import (
 from tuning.swept_sets import SweptSets
 
 if TYPE_CHECKING:
-    from plotly.basedatatypes import BaseTraceType
-    from plotly.graph_objects import Figure, Scatter
+    from plotly.graph_objects import Figure
 
 PID = ("kp", "ki", "kd")
 SHOWN = {name: card.on_pages for name, card in GAIN_CARDS.items()}  # factor from SI, unit
@@ -138,12 +137,14 @@ def _maps(sets: SweptSets, swept: Sequence[str]) -> "Figure":
     slices = order.reshape(-1, np.unique(sets[y]).size, np.unique(sets[x]).size)
     best = int(np.where(sets["feasible"], sets["score"], -1.0).argmax())
     first = int(np.flatnonzero((slices == best).any(axis=(1, 2)))[0])
-    figure, owner = _gain_panels(sets, x, y), []
+    figure, owner, hover = _gain_panels(sets, x, y), [], _hover(sets)
+    traces, panels = [], []
     for s, cells in enumerate(slices):
-        for panel, trace in _map_traces(sets, cells, x, y, best):
-            trace.visible = s == first
-            figure.add_trace(trace, row=panel // 2 + 1, col=panel % 2 + 1)
+        for panel, trace in _map_traces(sets, hover, cells, x, y, best):
+            traces.append(trace | {"visible": s == first})
+            panels.append(panel)
             owner.append(s)
+    figure.add_traces(traces, rows=[p // 2 + 1 for p in panels], cols=[p % 2 + 1 for p in panels])
     if slid:
         scale, unit = SHOWN[slid[0]]
         steps = []
@@ -155,11 +156,14 @@ def _maps(sets: SweptSets, swept: Sequence[str]) -> "Figure":
     return figure
 
 
-def _map_traces(sets: SweptSets, cells: np.ndarray, x: str, y: str, best: int) -> "list[tuple[int, BaseTraceType]]":
-    """The traces of one slice with their panels; cells: experiments (y, x); best: experiment of the best score."""
-    from plotly.graph_objects import Contour, Heatmap
+def _map_traces(
+    sets: SweptSets, hover: Mapping[str, np.ndarray], cells: np.ndarray, x: str, y: str, best: int
+) -> list[tuple[int, dict[str, Any]]]:
+    """The traces of one slice with their panels; cells: experiments (y, x); best: experiment of the best score.
 
-    hover, ok, log = _hover(sets), sets["feasible"][cells], sets.attrs.get("log") == "true"
+    They are data, of which plotly makes traces once: it would copy each of its own.
+    """
+    ok, log = sets["feasible"][cells], sets.attrs.get("log") == "true"
     at_x, at_y = sets[x][cells[0]] * SHOWN[x][0], sets[y][cells[:, 0]] * SHOWN[y][0]
     cell = {"x": at_x, "y": at_y, "customdata": hover["customdata"][cells], "hoverongaps": False}
     feasible, infeasible = _templates(sets)
@@ -168,16 +172,18 @@ def _map_traces(sets: SweptSets, cells: np.ndarray, x: str, y: str, best: int) -
     border = {"x": _reached_out(at_x, log), "y": _reached_out(at_y, log), "z": np.pad(ok.astype(float), 1, mode="edge")}
     border |= {"contours": {"start": 0.5, "end": 0.5, "size": 1, "coloring": "none"}, "name": "stability border"}
     border |= {"line": {"color": "black", "width": 4, "smoothing": 0}, "hoverinfo": "skip"}
-    traces: list[tuple[int, BaseTraceType]] = []
+    traces: list[tuple[int, dict[str, Any]]] = []
     for panel, name in enumerate(QUANTITIES):
         z = _shown(sets, name)[cells]
-        traces.append((panel, Heatmap(**cell, **grey)))
-        traces.append((panel, Heatmap(**cell, z=z, coloraxis=f"coloraxis{panel + 1}", hovertemplate=feasible)))
-        traces.append((panel, Contour(**border)))
+        of_panel = {"z": z, "coloraxis": f"coloraxis{panel + 1}", "hovertemplate": feasible}
+        traces.append((panel, {"type": "heatmap", **cell, **grey}))
+        traces.append((panel, {"type": "heatmap", **cell, **of_panel}))
+        traces.append((panel, {"type": "contour", **border}))
         if name == "peak_sensitivity":
             zones = {"start": 3, "end": 5, "size": 1, "coloring": "none", "showlabels": True}
             line = {"color": "white", "width": 1.5, "smoothing": 0}
-            traces.append((panel, Contour(x=at_x, y=at_y, z=z, contours=zones, line=line, hoverinfo="skip")))
+            zoned = {"contours": zones, "line": line, "hoverinfo": "skip"}
+            traces.append((panel, {"type": "contour", "x": at_x, "y": at_y, "z": z, **zoned}))
         if ok.any():
             score = np.where(ok, sets["score"][cells], -1.0)
             here = cells.ravel()[score.argmax()]
@@ -185,12 +191,10 @@ def _map_traces(sets: SweptSets, cells: np.ndarray, x: str, y: str, best: int) -
     return traces
 
 
-def _star(sets: SweptSets, best: int, x: str, y: str, symbol: str = "star") -> "Scatter":
-    from plotly.graph_objects import Scatter
-
+def _star(sets: SweptSets, best: int, x: str, y: str, symbol: str = "star") -> dict[str, Any]:
     at = {axis: [float(sets[name][best]) * SHOWN[name][0]] for axis, name in (("x", x), ("y", y))}
     marker = {"symbol": symbol, "size": 16, "color": STAR, "line": {"color": "white", "width": 1.5}}
-    return Scatter(**at, mode="markers", marker=marker, hoverinfo="skip")
+    return {"type": "scatter", **at, "mode": "markers", "marker": marker, "hoverinfo": "skip"}
 
 
 def _points(sets: SweptSets, swept: Sequence[str]) -> "Figure":
