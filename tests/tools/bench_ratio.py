@@ -147,7 +147,8 @@ def first_experiment() -> None:
 def _environment(tree: Path, cache: Path, kernels: Path, wall: bool = False) -> dict[str, str]:
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
     caches = {"PYTHONPYCACHEPREFIX": str(cache / "bytecode"), "NUMBA_CACHE_DIR": str(kernels)}
-    return os.environ | threads | caches | {"PYTHONPATH": str(tree), "BENCH_CLOCK": "wall" if wall else "cpu"}
+    own = {"PYTHONPATH": str(tree), "BENCH_CLOCK": "wall" if wall else "cpu"}
+    return {n: v for n, v in os.environ.items() if n != "PYTHONDONTWRITEBYTECODE"} | threads | caches | own
 
 
 def _command(what: str) -> list[str]:
