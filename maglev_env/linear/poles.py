@@ -7,7 +7,7 @@ import numpy as np
 from maglev_env.experiment import Experiment, self_sensors
 from maglev_env.linear.plant import discrete_plant
 from maglev_env.loop.effect import effect_value, split_delay
-from maglev_env.loop.gains import of_axis, realised
+from maglev_env.loop.gains import of_axis, realised_together, states_of
 from selfsense.baseband import growth_rate
 
 
@@ -32,27 +32,22 @@ def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
     """The largest magnitude (n,) of each experiment's `closed_loop_poles`."""
     # Together with all others that have the same plant, and controllers of the same order.
     alike: dict[tuple, list[int]] = {}
-    realisations = [_realised(e) for e in experiments]
-    for i, (e, own) in enumerate(zip(experiments, realisations, strict=True)):
+    for i, e in enumerate(experiments):
         effects = tuple((name, *values.items()) for name, values in e.effects.items())
-        alike.setdefault((id(e.rig), id(e.sensor), effects, *(len(part[2]) for part in own)), []).append(i)
+        states = [states_of(of_axis(e.gains, axis), 1 / e.rig.control_rate) for axis in range(e.rig.axes)]
+        alike.setdefault((id(e.rig), id(e.sensor), effects, *states), []).append(i)
     found = np.empty(len(experiments))
     for members in alike.values():
         first = experiments[members[0]]
         stacked = [
-            tuple(map(np.array, zip(*parts, strict=True)))
-            for parts in zip(*(realisations[i] for i in members), strict=True)
+            realised_together([of_axis(experiments[i].gains, axis) for i in members], 1 / first.rig.control_rate)
+            for axis in range(first.rig.axes)
         ]
         loops = _closed(first, discrete_plant(first), stacked)[0]
         found[members] = np.abs(np.linalg.eigvals(loops)).max(axis=1)
         if growth := _growing(first):
             found[members] = np.maximum(found[members], max(growth))
     return found
-
-
-def _realised(e: Experiment) -> list[tuple[np.ndarray, ...]]:
-    """The controller of each axis, see `realised`."""
-    return [realised(of_axis(e.gains, axis), 1 / e.rig.control_rate) for axis in range(e.rig.axes)]
 
 
 def _growing(e: Experiment) -> list[float]:
@@ -73,7 +68,8 @@ def closed_loop(
     Returns:
         State-space matrices A (s, s), B (s, axes) and C (axes, s).
     """
-    controllers = [tuple(part[None] for part in own) for own in _realised(experiment)]
+    dt = 1 / experiment.rig.control_rate
+    controllers = [realised_together([of_axis(experiment.gains, axis)], dt) for axis in range(experiment.rig.axes)]
     loops, from_force, to_reading = _closed(experiment, plant or discrete_plant(experiment), controllers)
     return loops[0], from_force, to_reading
 

@@ -1,6 +1,6 @@
 """Controllers of an axis: PID gains as the nominal rig's digital controller uses them, a linear filter, or a form."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import lru_cache
 from math import exp
@@ -165,6 +165,26 @@ def realised(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarray,
     matrix = np.eye(n, k=1)
     matrix[:, :1] -= a[1:, None]
     return matrix, (b[:, 1:] - a[1:] * b[:, :1]).T, np.eye(1, n)[0] if n else np.zeros(0), b[:, 0]
+
+
+def states_of(controller: Controller, dt: float) -> int:
+    """Number of states of `realised`."""
+    own = digital(controller, dt)
+    return 2 if isinstance(own, Gains) else own.order
+
+
+def realised_together(controllers: Sequence[Controller], dt: float) -> tuple[np.ndarray, ...]:
+    """`realised` of n controllers with the same number of states: A (n, s, s), B (n, s, 3), C (n, s) and D (n, 3)."""
+    if not all(isinstance(own, Gains) for own in controllers):
+        return tuple(map(np.array, zip(*(realised(own, dt) for own in controllers), strict=True)))
+    kp, ki, kd, td, ti = np.array([(g.kp, g.ki, g.kd, g.td, g.ti) for g in controllers]).T
+    decay = {t: exp(-dt / t) for t in {*td.tolist(), *ti.tolist()}}  # not numpy's, whose last bit may differ
+    a_d, a_i = (np.array([decay[t] for t in own.tolist()]) for own in (td, ti))
+    slope, none = kd / td, np.zeros(len(controllers))
+    direct, by_d, by_i = kp + slope, 1 - a_d, 1 - a_i
+    rows = ((a_d, none, none, a_i), (by_d, by_d, none, by_i, by_i, none), (-slope, ki), (direct, direct, none))
+    a, b, c, d = (np.stack(own, axis=-1) for own in rows)
+    return a.reshape(-1, 2, 2), b.reshape(-1, 2, 3), c, d
 
 
 def state_space(controller: Controller, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

@@ -36,7 +36,7 @@ CASES = dict.fromkeys(
         "quiet", "noise", "amplifier lag", "delay", "eddy current, friction", "x-y", "x-y noise", "x-y coupled",
         "x-y cross coupling effect", "self-sensing", "records",
     ), PER_STEP,
-) | dict.fromkeys(("gain sets", "x-y gain sets", "rotor evaluations"), RATE)  # fmt: skip
+) | dict.fromkeys(("gain sets", "quick gain sets", "x-y gain sets", "rotor evaluations"), RATE)  # fmt: skip
 COUPLING = {"stiffness_xy": 100.0, "stiffness_yx": -100.0, "damping_xy": 0.1, "gain_xy": 0.2, "sensor_xy": 0.01}
 
 
@@ -65,9 +65,17 @@ def cases() -> dict[str, Callable[[int], Work]]:
     return found | {
         "records": partial(_records, noisy),
         "gain sets": lambda size: _gain_sets(noisy, 16 * size),
+        "quick gain sets": lambda size: _gain_sets(_quick(noisy), 64 * size),
         "x-y gain sets": lambda size: _gain_sets(planar, 4 * size),
         "rotor evaluations": _rotors,
     }
+
+
+def _quick(e: Any) -> Any:
+    from maglev_env import protocol_experiment
+    from maglev_env.task.protocol import env_protocol
+
+    return protocol_experiment(replace(e.rig, protocol=env_protocol(e.rig, "quick")))
 
 
 def _quiet(rig: Any) -> Any:

@@ -13,7 +13,15 @@ from maglev_env.experiment import axis_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
-from maglev_env.loop.gains import Gains, LinearController, controller_response, state_space
+from maglev_env.loop.gains import (
+    Gains,
+    LinearController,
+    controller_response,
+    realised,
+    realised_together,
+    state_space,
+    states_of,
+)
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig
@@ -205,3 +213,13 @@ def test_a_pair_in_two_axes_is_twice_a_pair_in_one():
     np.testing.assert_allclose(both[:, 1], alone, rtol=1e-11, atol=1e-14 * abs(alone).max())
     assert not both[:, 0].any()
     assert axis_experiment(replace(e, rig=replace(e.rig, axes=2)), 1).rig.magnet == "electromagnet_pair"
+
+
+def test_controllers_are_realised_together_as_one_by_one():
+    rng, dt = np.random.default_rng(2), 5e-5
+    pids = [Gains(*rng.uniform(1, 1e4, 3), *rng.uniform(1e-5, 1e-1, 2)) for _ in range(5)]
+    for several in (pids, [LinearController((1.0, number), (1.0, -0.5)) for number in (2.0, 3.0)]):
+        together = realised_together(several, dt)
+        for part, own in zip(together, zip(*(realised(one, dt) for one in several), strict=True), strict=True):
+            np.testing.assert_array_equal(part, np.array(own))
+        assert {states_of(one, dt) for one in several} == {together[2].shape[1]}
