@@ -90,7 +90,7 @@ def tells_current(rig: Rig) -> bool:
     return rig.controlled and rig.coil_resistance > 0 and rig.coil_inductance is not None
 
 
-def induced_left_out(rig: Rig | None, channels: Collection[str]) -> list[str]:
+def induced_left_out(rig: Rig | None, channels: Collection[str], simulated: bool = False) -> list[str]:
     """A note where a command is a voltage over the coil's resistance, by the rig, and no current shows what is induced.
 
     The amplifier that such a rig states is the coil under that voltage. What a moving rotor induces in the coil is in
@@ -99,9 +99,10 @@ def induced_left_out(rig: Rig | None, channels: Collection[str]) -> list[str]:
     Args:
         rig: Of the campaign; None: it names none.
         channels: Names of what is recorded.
+        simulated: Whether the loop is simulated under its stated controller, which leaves a recorded current unused.
     """
     kinds = {name.partition("_")[0] for name in channels}
-    if rig is None or not rig.controlled or "command" not in kinds or "current" in kinds:
+    if rig is None or not rig.controlled or "command" not in kinds or ("current" in kinds and not simulated):
         return []
     own = axis_rig(rig, 0)
     # Of the coil's time constant: how far that of the amplifier is from it.

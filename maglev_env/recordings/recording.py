@@ -134,9 +134,9 @@ def read_recording(
     alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
     dataset.attrs["resampled"] = clock.instants is not None
-    dataset.attrs["notes"] = [
-        *columns.notes, *clock.notes, *stood_in, *induced_left_out(campaign.rig, spec.channels)
-    ]  # fmt: skip
+    simulated = spec.gains is not None and not periodic
+    induced = induced_left_out(campaign.rig, spec.channels, simulated)
+    dataset.attrs["notes"] = [*columns.notes, *clock.notes, *stood_in, *induced]
     dataset.attrs["alarms"] = alarms_text(alarms)
     if masked.any() and masked.mean() <= MOST_MASKED:
         dataset = dataset.assign_coords(masked=("time", masked))

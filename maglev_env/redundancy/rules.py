@@ -27,6 +27,7 @@ from maglev_env.redundancy.finding import ORDER, Finding
 from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.own_clocks import other_clocks
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
+from maglev_env.redundancy.resistance import ohm
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.single_samples import single_samples
 from maglev_env.redundancy.units import unscaled
@@ -96,7 +97,8 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
                 "contradiction" if a.severity == "refuse" else "quality")
         for a in alarms_of(dataset)
     ]  # fmt: skip
-    alarms += [*unscaled(campaign, spec), *other_clocks(campaign, spec)]
+    whole = {str(name): dataset[name].values for name in dataset.data_vars}
+    alarms += [*unscaled(campaign, spec), *other_clocks(campaign, spec), *ohm(campaign, spec, whole)]
     if not any(name.startswith("displacement") for name in spec.channels):
         return alarms
     signals = recorded_signals(campaign, spec, _at_ticks(spec, dataset), excited=False)

@@ -43,6 +43,12 @@ def told_by_voltage(rig: Rig, channels: Collection[str]) -> bool:
     return tells_current(rig) and "voltage" in channels and not {"current", "command"} & {*channels}
 
 
+def driven_by_voltage(rig: Rig, channels: Collection[str]) -> bool:
+    """Whether a voltage at the coil drives the rig, by these channels: its current, recorded or told by the voltage, is
+    then what acts, with what the motion induces, which the nominal amplifier behind a stated controller lacks."""
+    return tells_current(rig) and "voltage" in channels and "command" not in channels
+
+
 def current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float) -> CurrentByVoltage | None:
     """The coils' currents where only their voltage is recorded and the rig knows the coil; else None.
 

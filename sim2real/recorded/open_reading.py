@@ -20,7 +20,7 @@ from sim2real.recorded.along_motion import along_motion
 from sim2real.recorded.at_rest.static_evidence import can_rest, rests_of
 from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
-from sim2real.recorded.current_by_voltage import CurrentByVoltage, current_by_voltage
+from sim2real.recorded.current_by_voltage import CurrentByVoltage, current_by_voltage, driven_by_voltage
 from sim2real.recorded.drive.drive import Drive, Driving, drive_of
 from sim2real.recorded.drive.fed_back import fed_back
 from sim2real.recorded.drive.innovation import along_innovations
@@ -85,9 +85,10 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         channels["current"] = by_voltage.current
         notes.append(by_voltage.note)
     try:
-        # A voltage as it was measured is a better drive than what the nominal amplifier makes of a stated controller:
-        # it has what the motion induces, and every limit.
-        drive = drive_of(rig, spec, channels, known=by_voltage is None, smooth=by_voltage is not None)
+        # The current under a measured voltage is a better drive than what the nominal amplifier makes of a stated
+        # controller: it has what the motion induces, and every limit.
+        under_voltage = driven_by_voltage(rig, channels)
+        drive = drive_of(rig, spec, channels, known=not under_voltage, smooth=under_voltage)
         if not drive.stand_in and (wrong := not_stable(drive.experiment)):
             # The recorded loop held the rotor: what the magnets did is in their current, whatever made it. A command
             # goes through the amplifier, which may be what is stated wrong.

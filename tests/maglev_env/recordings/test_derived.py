@@ -103,6 +103,8 @@ COIL = Rig(
 def test_a_command_that_is_a_voltage_lacks_what_the_motion_induces(rig, channels, said):
     found = induced_left_out(rig, channels)
     assert bool(found) == said
+    # A stated controller is simulated through the amplifier, and the current that was measured is not used.
+    assert bool(induced_left_out(rig, channels, simulated=True)) == (said or "current" in channels)
     if said:  # k_i^2 / R with k_i = 2 m g / i_0
         gain = 2 * 0.05 * rig.gravity / (0.014 * np.sqrt(0.05 * rig.gravity / 3.6e-5))
         assert f"{gain**2 / 3.2:.2g} N s/m" in found[0] and "name the channel voltage" in found[0]

@@ -90,6 +90,29 @@ def test_a_recorded_current_or_an_unknown_coil_needs_no_voltage(coil):
     assert current_by_voltage(replace(RIG, coil_inductance=None), channels, RATE) is None
 
 
+def test_a_current_that_is_recorded_beside_its_voltage_drives_under_a_stated_controller(tmp_path):
+    """The nominal amplifier behind that controller lacks what the motion induces."""
+    text = BALL.replace("[gains]", "coil_resistance = 4.0\ncoil_inductance = 4e-3\n[gains]", 1)
+    reference = 1e-4 * np.sin(2 * np.pi * 5 * np.arange(2000) / 1000)
+    run = ball_bench.record(rig_from_toml(text, "ball"), 2.0, 3, reference=reference)
+    run["reference"] = reference
+    run["voltage"] = 4.0 * run["current"] + 4e-3 * np.gradient(run["current"], 1e-3)
+    lines = BALL.split("[gains]")[1].splitlines()
+    controller = f"{{ {', '.join(line.partition('#')[0].strip() for line in lines if '=' in line)} }}"
+    sources = {}
+    for names in (("displacement", "current", "voltage", "reference"), ("displacement", "current", "reference")):
+        (folder := tmp_path / str(len(names))).mkdir()
+        path = ball_bench.write_campaign(folder, text, controller, {"one": run}, names) / "campaign.toml"
+        stated = path.read_text().replace('from = "current"', 'from = "current", delay_tolerance = 2e-5')
+        path.write_text(stated)
+        campaign = load_campaign(folder)
+        record = open_record(campaign, campaign.recordings[0], read_recording(campaign, campaign.recordings[0]))
+        sources["voltage" in names] = record.source
+        if "voltage" in names:  # as recorded, not as the voltage tells it
+            assert not any("computed from the voltage" in note for note in record.notes)
+    assert sources == {True: "current", False: None}
+
+
 @pytest.mark.parametrize("excitation", ["none", "multisine"])
 @pytest.mark.parametrize("controller", ["", "{ kp = 200.0, ki = 1500.0, kd = 3.5, td = 2e-3 }"])
 def test_a_measured_voltage_drives_whatever_else_is_stated(tmp_path, controller, excitation):
