@@ -30,6 +30,7 @@ from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.resistance import ohm
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.single_samples import single_samples
+from maglev_env.redundancy.turned import DOUBTED, turned
 from maglev_env.redundancy.units import unscaled
 from maglev_env.redundancy.view import View
 from maglev_env.rig.rig import axis_rig, with_parameters
@@ -107,7 +108,11 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
         # A wrong scale also seems to reach the end of a range.
         of_range = [f for view in views for rule in (clearance, ranges) for f in rule(view)]
         return [*(f for f in of_range if f.kind == "contradiction"), *alarms]
-    found = [f for view in views for f in _findings(view)]
+    across = turned(spec, _of_all_lines(campaign, spec, signals))
+    if across and across[0].kind != "not checkable":  # it bends every comparison of one axis
+        own = [f for view in views for rule in RULES.values() for f in rule(view) if f.code not in DOUBTED]
+        return [*across, *alarms, *own]
+    found = [*across, *(f for view in views for f in _findings(view))]
     if any(f.code in DOUBTFUL and f.kind in ("contradiction", "wiring") for f in found) or not all(
         view.rig is None or view.rate == view.rig.control_rate for view in views
     ):
@@ -183,6 +188,14 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
         )  # fmt: skip
     # A coil recorded with its switching voltage ripples: the control samples alone would fold that back.
     return [view if "voltage" in view.channels else view.at_control_rate() for view in views]
+
+
+def _of_all_lines(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[View]:
+    """Both axes with the lines that are excited along any."""
+    if signals.axes == 1:
+        return []
+    everywhere = tuple(replace(e, direction=45.0) for e in signals.excitations)
+    return _views(campaign, spec, replace(signals, excitations=everywhere))
 
 
 def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], alike: bool) -> list[Finding]:
