@@ -9,9 +9,11 @@ from estimation.normal import NORMAL_95
 from estimation.stiffness_pole import stiffness_pole
 from maglev_env.evaluation.bands import Band
 from maglev_env.evaluation.identification import Identification
+from maglev_env.rig.rig import Rig
 from maglev_env.units import prefixed
 from maglev_workbench.commands.estimate.figures import COEFFICIENTS
 from maglev_workbench.commands.estimate.report import trust
+from maglev_workbench.commands.estimate.stated_rig import Found, from_stated, of_axis_named
 from maglev_workbench.page import number, with_interval
 from sim2real.coefficients import Coefficient
 from sim2real.pooled import Pooled
@@ -111,17 +113,21 @@ def _own(error: np.ndarray, moved: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(error**2 - np.sum(moved**2, axis=1), (LEAST_OWN * error) ** 2))
 
 
-def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Pooled | None, linear: bool = False) -> str:
+def estimate_answer(
+    results: Sequence[tuple[str, Identification]], pooled: Pooled | None, linear: bool = False, rig: Rig | None = None
+) -> str:
     """One sentence on recordings (file, identification), and on all of them together where the rig was fitted.
 
     Args:
         results: of each recording.
         pooled: the rig in all recordings.
         linear: whether the rig could not be fitted, although it is named: responses alone take any motion for small.
+        rig: as it is stated, from which the answer may be far; None: none is.
     """
     if pooled is not None:
         jumps = (_second_body(found) for _, found in results if pooled.misfit > LACKS)
-        return f"{_of_all(pooled).removesuffix('.')}{next(filter(None, jumps), '')}."
+        far = [Found(c.name, c.value, c.se, c.nominal) for c in pooled.coefficients if c.identified]
+        return f"{_of_all(pooled).removesuffix('.')}{next(filter(None, jumps), '')}{from_stated(rig, far)}."
     file, found = max(results, key=lambda one: len(trusted(one[1].bands)))
     among = f"{file}: " if len(results) == 1 else f"{file}, which bounds most of {len(results)} recordings: "
     sure = trusted(found.bands)
@@ -140,6 +146,10 @@ def estimate_answer(results: Sequence[tuple[str, Identification]], pooled: Poole
     values = f"{', '.join(steady)}{'' if varying else without} (95 %)" if steady else ""
     values = ", ".join(filter(None, (values, *varying))) + (without if varying else "")
     said = f"{among}{values}, trusted from {sure[0].f_lo:.4g} to {sure[-1].f_hi:.4g} Hz{_second_body(found)}"
+    if rig is not None and (told := found.actuator) is not None:
+        said += from_stated(
+            rig, of_axis_named(rig, file, (told.gain, told.gain_se), (told.stiffness, told.stiffness_se))
+        )
     bent = found.distortion
     mind = LINEAR if linear else AT_THIS_MOTION if found.actuator and bent.even is None and bent.odd is None else ""
     return f"{said}; {mind}." if mind else f"{said}."

@@ -117,7 +117,7 @@ def estimate(
     unused = {one.recording for one in found.left_out}
     recordings = ", ".join(spec.file for spec in campaign.recordings if spec.file not in unused)
     made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
-    answer = estimate_answer(found.axes, found.pooled, found.linear)
+    answer = estimate_answer(found.axes, found.pooled, found.linear, campaign.rig)
     more = [planar_sections(*both) for both in found.planar]
     apart = apart_lines(found.axes, found.pooled) if found.pooled else []
     more += [pooled_sections(found.pooled, apart)] if found.pooled else []
