@@ -90,6 +90,12 @@ def tells_current(rig: Rig) -> bool:
     return rig.controlled and rig.coil_resistance > 0 and rig.coil_inductance is not None
 
 
+def under_voltage(rig: Rig) -> bool:
+    """Whether the amplifier that a rig states is its coil under a voltage: its time constant is the coil's."""
+    apart = rig.amplifier_time_constant * rig.coil_resistance / (rig.coil_inductance or np.inf) - 1
+    return bool(abs(apart) <= ALIKE)
+
+
 def induced_left_out(rig: Rig | None, channels: Collection[str], simulated: bool = False) -> list[str]:
     """A note where a command is a voltage over the coil's resistance, by the rig, and no current shows what is induced.
 
@@ -105,9 +111,7 @@ def induced_left_out(rig: Rig | None, channels: Collection[str], simulated: bool
     if rig is None or not rig.controlled or "command" not in kinds or ("current" in kinds and not simulated):
         return []
     own = axis_rig(rig, 0)
-    # Of the coil's time constant: how far that of the amplifier is from it.
-    apart = own.amplifier_time_constant * own.coil_resistance / (own.coil_inductance or np.inf) - 1
-    if abs(apart) > ALIKE:
+    if not under_voltage(own):
         return []
     damping = linearise(force_law(own))[0] ** 2 / own.coil_resistance
     return [

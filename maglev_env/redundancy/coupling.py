@@ -1,14 +1,17 @@
 """A channel that is AC coupled: recorded through a high-pass of first order, which takes the lowest lines away."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from maglev_env.channels import SHOWN_BY
+from maglev_env.loop.controller_forms import Pid, StateFeedback
 from maglev_env.loop.gains import Gains, controller_output
-from maglev_env.redundancy.controller import READ, applies, at_control_rate, compared
+from maglev_env.recordings.derived import under_voltage
+from maglev_env.recordings.measurement_chain import coupled as uncoupled
+from maglev_env.redundancy.controller import READ, applies, at_control_rate, compared, limited_in
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import LEVEL, MODEL
 from maglev_env.redundancy.view import Lines, View
@@ -18,17 +21,22 @@ EXPLAINS = 0.5  # share of the misfit beyond noise that the corner must explain
 PARTS, SLOW, FAST = 24, 0.2, 0.005  # of a record; shares of the command's slow parts, and of all of it
 EFFECTS = ("friction", "hysteresis", "eddy_current")
 LEAST = 8  # lines
+_ONE_INTEGRAL = (Gains, Pid, StateFeedback)  # controllers of which a constant error makes a ramp at most
 
 
 @dataclass(frozen=True)
 class Relation:
-    """A channel, and what it is made of: mean spectra (n,) by channel; the variance (n,) of its mean."""
+    """A channel, and what it is made of: mean spectra (n,) by channel; the variance (n,) of its mean.
+
+    `beside`: what else may be in the channel, with any gain, (n,).
+    """
 
     name: str
     out: np.ndarray
     made: Mapping[str, np.ndarray]
     variance: np.ndarray
     against: str
+    beside: tuple[np.ndarray, ...] = ()
 
 
 def coupled(view: View) -> list[Finding]:
@@ -62,13 +70,24 @@ def coupled(view: View) -> list[Finding]:
     return [Finding("filter", view.recording, name, corner, (corner - 2 * se, corner + 2 * se), text, kind)]
 
 
+def decoupled(view: View, found: Finding) -> View:
+    """The view with the channel of a finding of `coupled` as it was before its high-pass."""
+    values = view.channels.get(found.channel)
+    if values is None or found.value is None:
+        return view
+    values = uncoupled(values - values.mean(), view.rate, (found.value,))
+    return replace(view, channels={**view.channels, found.channel: values})
+
+
 def slow_parts(view: View) -> list[Finding]:
     """In a record that never repeats: slow parts of the command that the controller does not make of what it reads.
 
     What a PID was at the beginning, and a constant error that it integrates, leave a constant and a ramp behind. Asked
     only where no comparison is off, because a wrong scale leaves slow parts, too.
     """
-    if view.periodic or not isinstance(view.gains, Gains) or not applies(view):
+    if view.periodic or not isinstance(view.gains, _ONE_INTEGRAL) or not applies(view):
+        return []
+    if limited_in(view, view.gains):
         return []
     read = {name: view.channels[name] for name in READ if name in view.channels}
     made = controller_output(view.gains, dt=1 / view.rig.control_rate, **read) + view.channels.get("injection", 0.0)
@@ -133,17 +152,41 @@ def _amplifier(view: View) -> Relation | None:
     if not view.periodic and not at_control_rate(view):
         return None
     lines = view.lines
-    source = view.nominal(lines.frequency).amplifier * lines.parts["command"]
+    command, induced = (_amplified(view, of) for of in (view.channels["command"], _induced(view)))
     if lines.periodic:
-        return _means(lines, "current", {"command": source}, "what the amplifier makes")
+        found = _means(lines, "current", {"command": command}, "what the amplifier makes")
+        return replace(found, beside=(induced.mean(axis=0),) if induced.any() else ())
     # Where nothing repeats: the response that all segments have in common.
-    power, out = (np.abs(source) ** 2).sum(axis=0), lines.parts["current"]
+    power, out = (np.abs(command) ** 2).sum(axis=0), lines.parts["current"]
     if not power.all() or len(out) < LEAST:
         return None
-    response = (out * source.conj()).sum(axis=0) / power
-    rest = (np.abs(out - response * source) ** 2).sum(axis=0) / (len(out) - 1)
-    ones = np.ones_like(response)
-    return Relation("current", response, {"command": ones}, rest / power, "what the amplifier makes")
+    response, beside = ((one * command.conj()).sum(axis=0) / power for one in (out, induced))
+    rest = (np.abs(out - response * command) ** 2).sum(axis=0) / (len(out) - 1)
+    return Relation("current", response, {"command": np.ones_like(response)}, rest / power, "what the amplifier makes",
+                    (beside,) if beside.any() else ())  # fmt: skip
+
+
+def _amplified(view: View, values: np.ndarray) -> np.ndarray:
+    """Spectra (s, n) of what the nominal amplifier makes of a command (samples,).
+
+    Where nothing repeats, a segment holds what came before it, and a slow command much of it: the amplifier runs
+    through the whole record.
+    """
+    assert view.rig is not None
+    lag = view.rig.amplifier_time_constant
+    if not view.periodic and lag:
+        decay = np.exp(-1 / (view.rate * lag))
+        values = scipy.signal.lfilter([0.0, 1 - decay], [1.0, -decay], values, zi=[decay * values[0]])[0]
+    own = replace(view, channels={**view.channels, "command": values}).lines
+    return own.parts["command"] * (view.nominal(own.frequency).amplifier if view.periodic else 1.0)
+
+
+def _induced(view: View) -> np.ndarray:
+    """The velocity (samples,), which a coil under a voltage answers by an induced one; zeros where there is none."""
+    if view.rig is None or "displacement" not in view.recorded or not under_voltage(view.rig):
+        return np.zeros(view.channels["command"].size)
+    y = view.channels["displacement"]
+    return view.rate * np.diff(y, append=y[-1:])
 
 
 def _plant(view: View) -> Relation | None:
@@ -172,6 +215,7 @@ def _corner(frequency: np.ndarray, relation: Relation) -> tuple[float, float, st
         return 0.0, 0.0, ""
     weight = 1 / np.maximum(relation.variance + (MODEL * np.abs(out)) ** 2, 1e-300)
     free = [v for term in relation.made.values() for v in (term, -1j * w * term)]  # gains and delays
+    free += relation.beside
     _, without, _ = _squares(out, free, weight)
     noise = 2.0 * out.size
     best = (0.0, 0.0, "")

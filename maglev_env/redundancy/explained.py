@@ -109,19 +109,27 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
     if not named:
         text += ", and whether a gain lies between it and what acts"
+    holding = [row for row in rows if row.known and lead.name in row.powers]
+    channel = " or ".join(c.name for c in (*named, *together))
+    if lead.name == "displacement" and code == "scale" and {r.code for r in holding} <= {*OF_CONTROLLER}:
+        text += ", or each of the gains: nothing else that is recorded holds the displacement"
+        channel += "" if "gains" in channel else " or gains"
     kind: Kind = "wiring"
     if not sure:
         kind = "effect"
         text += f"; or an effect ({_effects(off)}): run `maglev diagnose`"
     elif len({row.code for row in off if lead.name in row.powers}) > 1 or lead.negative:
         kind = "contradiction"
-    channel = " or ".join(c.name for c in (*named, *together))
     return Finding(code, view.recording, channel, float(value), interval, text, kind)
 
 
 def _advice(view: View, code: str, cause: Cause) -> str:
     if cause.name in PARAMETERS:
-        advice = {"mass": "check [parameters] mass", "gains": "check the stated gains"}
+        both = "displacement" if "reference" not in view.recorded else "displacement and reference together"
+        advice = {
+            "mass": "check [parameters] mass",
+            "gains": "check the stated gains" + (f", or the sign of {both}" if code == "sign" else ""),
+        }
         said = advice.get(cause.name, "check the rig's actuator_gain")
         if cause.name == "gains" or view.gains is None or "displacement" not in view.recorded:
             return said

@@ -19,7 +19,7 @@ from maglev_env.redundancy.amplifier import amplified, unrelated, unstated_pole
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
 from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
 from maglev_env.redundancy.controller import controlled, stated_gains
-from maglev_env.redundancy.coupling import coupled, slow_parts
+from maglev_env.redundancy.coupling import coupled, decoupled, slow_parts
 from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.design import dead_lines, designed
 from maglev_env.redundancy.explained import explained, or_effect
@@ -140,9 +140,15 @@ def _findings(view: View) -> list[Finding]:
         if any((f.code in FINAL and f.kind == "contradiction") or f.code in CHANGED for f in found):
             return found
     rows = list(comparisons(view))
-    # What a coupling bends is no other matter.
-    why = [] if any(f.code == "filter" and f.kind == "wiring" for f in found) else explained(view, rows)
-    why = why or slow_parts(view)
+    # What a coupling bends is no other matter; what differs without it is, and no coupling of one channel explains it.
+    coupling = next((f for f in found if f.code == "filter" and f.kind == "wiring"), None)
+    if coupling is not None:
+        whole = decoupled(view, coupling)
+        rest = list(comparisons(whole))
+        if any(row.shape_off and row.lag and coupling.channel in row.powers for row in rest):
+            found, coupling = [f for f in found if f is not coupling], None  # it was the bend of a low-pass
+    why = explained(view, rows) if coupling is None else explained(whole, rest)
+    why = why or ([] if coupling else slow_parts(view))
     # A cause that is named explains what the peak of |S| can only doubt.
     named = [f for f in why if f.code in ("scale", "sign") and f.kind == "contradiction"]
     return [*named, *found, *(f for f in why if f not in named), *uncovered(view, rows)]
