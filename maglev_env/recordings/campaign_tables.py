@@ -52,6 +52,15 @@ class ChannelSource:
     polynomial: tuple[float, ...] | None = None
 
     @property
+    def expression(self) -> str:
+        """Its columns as they are added, with the weights that are not 1: "a", "0.5 a - 0.5 b"."""
+        text = ""
+        for weight, column in zip(self.weights, self.columns, strict=True):
+            sign = ("-" if weight < 0 else "") if not text else (" - " if weight < 0 else " + ")
+            text += sign + (column if abs(weight) == 1 else f"{abs(weight):.4g} {column}")
+        return text
+
+    @property
     def chained(self) -> bool:
         """Whether anything is undone: then its samples are not those that were taken."""
         return bool(self.filter or self.high_pass or self.delay)

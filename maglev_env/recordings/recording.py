@@ -18,6 +18,7 @@ from maglev_env.recordings.alarms.alarm import alarms_text
 from maglev_env.recordings.alarms.clock import clock_alarms
 from maglev_env.recordings.alarms.rail import touched_rail
 from maglev_env.recordings.alarms.rules import find_alarms
+from maglev_env.recordings.alarms.stuck import stuck_columns
 from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpec
 from maglev_env.recordings.derived import displacements, induced_left_out
 from maglev_env.recordings.excited import check_excited
@@ -131,7 +132,14 @@ def read_recording(
     dataset = dataset.assign_coords(_ticks(campaign, spec, combined, clock))
     looked_at = dataset if clock.rows is None else dataset.assign_coords(row=("time", clock.rows))
     looked_at = looked_at.drop_vars([*unjudged], errors="ignore")
-    alarms = [*find_alarms(looked_at, spec.start, one_axis), *alarms]
+    summed = [
+        (name, column, clock.resampled(spec.channels[name].scale * raw[column][window]))
+        for name in combined
+        if name not in unjudged
+        for column, weight in zip(spec.channels[name].columns, spec.channels[name].weights, strict=True)
+        if weight and len(spec.channels[name].columns) > 1
+    ]
+    alarms = [*find_alarms(looked_at, spec.start, one_axis), *stuck_columns(looked_at, summed, spec.start), *alarms]
     alarms = sorted(alarms, key=lambda a: (a.severity != "refuse", a.code != "lost levitation"))
     dataset.attrs["resampled"] = clock.instants is not None
     simulated = spec.gains is not None and not periodic

@@ -1,5 +1,7 @@
 """A reading that repeats a value while the rotor moves."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,4 +63,22 @@ def stuck_readings(dataset: "xr.Dataset", start: int = 0) -> list[Alarm]:
                     "refuse",
                 )
             )
+    return found
+
+
+def stuck_columns(dataset: "xr.Dataset", columns: Iterable[tuple[str, str, np.ndarray]], start: int = 0) -> list[Alarm]:
+    """The same of columns of which a channel is a sum: what moves in the others hides that one of them does not.
+
+    Args:
+        dataset: As `read_recording` makes it.
+        columns: Channel, column and its readings (samples,) in the unit of the channel.
+        start: Row of the file at which it begins, for the sentences.
+    """
+    found: list[Alarm] = []
+    for name, column, values in columns:
+        alone = dataset.assign({name: (dataset[name].dims, values, dataset[name].attrs)})
+        for alarm in stuck_readings(alone, start):
+            if alarm.channel == name:
+                rest = alarm.sentence.removeprefix(name)
+                found.append(replace(alarm, sentence=f"{name}: column {column!r} of its sum{rest}"))
     return found
