@@ -15,6 +15,7 @@ from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
+from maglev_env.redundancy.alike import alike
 from maglev_env.redundancy.amplifier import amplified, unrelated, unstated_pole
 from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
 from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
@@ -28,6 +29,7 @@ from maglev_env.redundancy.newton import moved
 from maglev_env.redundancy.own_clocks import other_clocks
 from maglev_env.redundancy.periods import breaks, drifts, jumps, outliers
 from maglev_env.redundancy.resistance import ohm
+from maglev_env.redundancy.reversed_columns import reversed_columns
 from maglev_env.redundancy.rows import Row
 from maglev_env.redundancy.single_samples import single_samples
 from maglev_env.redundancy.turned import DOUBTED, turned
@@ -50,6 +52,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "clearance": clearance,
     "noise": still,
     "range": ranges,
+    "alike": alike,
     "copies": copies,
     "range change": ranges_changed,
     "clocks": clocks,
@@ -75,6 +78,7 @@ FINAL = (
     "lines",
     "missing samples",
     "gains",
+    "identical",
 )  # others would only repeat in other words what these found
 TIMED = ("controller", "newton")  # comparisons that depend on the rate
 CHANGED = ("range change", "clock")  # a mean over the periods says nothing then
@@ -120,7 +124,21 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     doubtful = [f for f in found if f.code in (*DOUBTFUL, "amplifier") and f.kind != "quality"]
     if doubtful:
         found = _swapped(campaign, spec, views, all(f.kind == "effect" for f in doubtful)) or found
+    if any(f.code in ("controller", "mismatch") for f in found):
+        before = [row for view in views for row in comparisons(view)]
+        found = reversed_columns(spec, lambda other, names: _all_agree(campaign, other, before, names)) or found
     return [*alarms, *found]
+
+
+def _all_agree(campaign: Campaign, spec: RecordingSpec, before: Sequence[Row], names: Sequence[str]) -> bool:
+    """Whether all comparisons agree with a changed recording: no fewer than before, and one of them of these
+    channels."""
+    try:
+        views = _views(campaign, spec, recorded_signals(campaign, spec, read_recording(campaign, spec), excited=False))
+    except ValueError:
+        return False
+    rows = _agreeing(views, effects=False)
+    return bool(rows) and _as_many(rows, before) and _compares(rows, *names)
 
 
 def _at_ticks(spec: RecordingSpec, dataset: "xr.Dataset") -> "xr.Dataset":
@@ -145,7 +163,7 @@ def _findings(view: View) -> list[Finding]:
     if coupling is not None:
         whole = decoupled(view, coupling)
         rest = list(comparisons(whole))
-        if any(row.shape_off and row.lag and coupling.channel in row.powers for row in rest):
+        if any(row.shape_off and row.lag and coupling.channel.partition(" or ")[0] in row.powers for row in rest):
             found, coupling = [f for f in found if f is not coupling], None  # it was the bend of a low-pass
     why = explained(view, rows) if coupling is None else explained(whole, rest)
     why = why or ([] if coupling else slow_parts(view))
@@ -184,7 +202,7 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
         views.append(
             View(
                 name, own.sample_rate, own.channels, frozenset(recorded) & frozenset(own.channels),
-                {k: " + ".join(spec.channels[v].columns) for k, v in recorded.items()},
+                {k: spec.channels[v].expression for k, v in recorded.items()},
                 own.excitations, spec.stated_peaks,
                 spec.gains and of_axis(spec.gains, which),
                 tuple(dict.fromkeys(of_axis(c, which) for c in controllers)), rig, mass, own.hold_rate, own.left_out,
@@ -244,7 +262,7 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
 
 
 def _column(spec: RecordingSpec, name: str) -> str:
-    return " + ".join(spec.channels[name].columns)
+    return spec.channels[name].expression
 
 
 def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) -> list[Finding]:

@@ -53,7 +53,11 @@ current = {{ from = "i" }}
 
 @pytest.fixture(scope="module")
 def run():
-    """Channels of ten seconds of set-point steps."""
+    return simulated()
+
+
+def simulated(more=1.0, of_current=0.0):
+    """Channels of ten seconds of set-point steps, under so many times the gains and with one of the read current."""
     rng, n, dt = np.random.default_rng(2), 20_000, 1 / RATE
     slopes = np.array([
         [0.0, 1.0, 0.0, 0.0],
@@ -71,8 +75,9 @@ def run():
         total += KI * dt * (r[k] - y)
         slope = (TD * slope - KD * (y - before)) / (TD + dt)
         before = y
-        u = KP * (r[k] - y) + slope + total
-        found[:, k] = y, u, x[2] + noise[k, 1]
+        read = x[2] + noise[k, 1]
+        u = more * (KP * (r[k] - y) + slope + total) - of_current * read
+        found[:, k] = y, u, read
         x = step @ [*x, u]
     return {"y": found[0], "r": r, "u": found[1], "i": found[2]}
 
@@ -113,3 +118,35 @@ def test_a_wrong_gain_is_told_whatever_the_current_looks_like(corner, run, tmp_p
     current = high_passed(run["i"], corner) if corner else run["i"]
     found = findings(tmp_path, run | {"i": current}, kd=KD / 2)
     assert any("gains" in f.channel and f.kind == "wiring" for f in found)
+
+
+@pytest.mark.parametrize("turned", [1, -1])
+def test_one_probe_of_two_that_is_reversed_is_named(turned, run, tmp_path):
+    """The ball also rolls, which the sum of both probes hides from the controller."""
+    rolls = np.cumsum(np.random.default_rng(5).normal(size=run["y"].size)) * 5e-6
+    (tmp_path / "rig.toml").write_text(RIG)
+    wanted = '{ from = ["left", "right"], weights = [0.5, 0.5] }'
+    text = CAMPAIGN.format(kd=KD).replace('{ from = "y" }', wanted)
+    (tmp_path / "campaign.toml").write_text(text)
+    np.savez(tmp_path / "steps.npz", left=run["y"] + rolls, right=turned * (run["y"] - rolls), **run)
+    found = [f for f in examine(load_campaign(tmp_path)) if f.kind != "not checkable"]
+    assert [f.code for f in found] == ([] if turned > 0 else ["sign"])
+    # Either sign of the whole reading is then a reading of the ball: which of both probes it is, one sign alone tells.
+    assert turned > 0 or ("'right'" in found[0].message and found[0].kind == "contradiction")
+
+
+def test_a_reversed_displacement_is_named_where_the_controller_reads_the_current_too(tmp_path):
+    """The current's share of the command, which is right, had left only "not what the controller makes"."""
+    own = (
+        f'form = "state_feedback", displacement = {2 * KP}, velocity = {2 * KD}, integral = {2 * KI}, current = 1.0, '
+        f"velocity_filter = {TD} }}"
+    )
+    text = CAMPAIGN.format(kd=KD)
+    begin = text.index("form =")
+    (tmp_path / "rig.toml").write_text(RIG)
+    (tmp_path / "campaign.toml").write_text(text[:begin] + own + text[text.index("\n", begin) :])
+    run = simulated(2.0, 1.0)
+    for sign in (1, -1):
+        np.savez(tmp_path / "steps.npz", **(run | {"y": sign * run["y"]}))
+        named = {(f.code, f.channel) for f in examine(load_campaign(tmp_path)) if f.kind != "not checkable"}
+        assert named == (set() if sign > 0 else {("sign", "displacement")})
