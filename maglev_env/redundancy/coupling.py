@@ -8,7 +8,7 @@ import scipy
 
 from maglev_env.channels import SHOWN_BY
 from maglev_env.loop.controller_forms import Pid, StateFeedback
-from maglev_env.loop.gains import Gains, controller_output
+from maglev_env.loop.gains import Gains, controller_output, controller_response, gain_values, with_gains
 from maglev_env.recordings.derived import under_voltage
 from maglev_env.recordings.measurement_chain import coupled as uncoupled
 from maglev_env.redundancy.controller import READ, applies, at_control_rate, compared, limited_in
@@ -21,6 +21,7 @@ EXPLAINS = 0.5  # share of the misfit beyond noise that the corner must explain
 PARTS, SLOW, FAST = 24, 0.2, 0.005  # of a record; shares of the command's slow parts, and of all of it
 EFFECTS = ("friction", "hysteresis", "eddy_current")
 LEAST = 8  # lines
+INTEGRALS, PER_SAMPLE = ("ki", "integral", "outer_ki"), 0.05  # gains by name; of the control rate
 _ONE_INTEGRAL = (Gains, Pid, StateFeedback)  # controllers of which a constant error makes a ramp at most
 
 
@@ -58,25 +59,89 @@ def coupled(view: View) -> list[Finding]:
         return _of_the_design(view, least)
     exact = [one for one in found if one[3].name != "displacement"]
     corner, se, name, relation = (exact or found)[0]
+    integral = _integral(view, relation) if name == "displacement" and relation.name == "command" else None
+    if integral is not None and (integral.clearly or _unit_of_time(view, integral)):
+        return [_integral_finding(view, integral)]
     if len({other for _, _, other, _ in exact}) > 1:
         name = "command"  # what both relations hold
     text = (
         f"{name}: it looks AC coupled, high-pass filtered at {corner:.3g} +- {2 * se:.1g} Hz, against "
         f"{relation.against}; record column {view.columns.get(name, name)!r} with its mean"
     )
+    if integral is not None:
+        text += f", or correct {integral.gain}, which would be {integral.value:.4g}"
+        name += " or gains"
     if not exact:
         text += f", or an effect ({', '.join(EFFECTS)}): run `maglev diagnose`"
     kind = "wiring" if exact else "effect"
     return [Finding("filter", view.recording, name, corner, (corner - 2 * se, corner + 2 * se), text, kind)]
 
 
+@dataclass(frozen=True)
+class _Integral:
+    """An integral gain that explains what a high-pass does: its name, stated and found value, and its error.
+
+    `clearly`: better than any high-pass.
+    """
+
+    gain: str
+    stated: float
+    value: float
+    se: float
+    clearly: bool
+
+
+def _integral(view: View, relation: Relation) -> _Integral | None:
+    """The integral gain of the stated controller under which the relation of the command agrees; None: none does.
+
+    What is integrated lacks in the command as what a high-pass takes from the displacement does.
+    """
+    lines, dt = view.lines, 1 / view.rig.control_rate
+    gain = next((name for name in INTEGRALS if name in gain_values(view.gains)), None)
+    if gain is None:
+        return None
+    w, z, y = 2 * np.pi * lines.frequency, np.exp(2j * np.pi * lines.frequency * dt), lines.parts["displacement"]
+    own, stated = controller_response(view.gains, z, dt), gain_values(view.gains)[gain]
+    step = float(np.abs(own[0]) * w[0])
+    more = controller_response(with_gains(view.gains, **{gain: stated + step}), z, dt) - own
+    weight = 1 / np.maximum(relation.variance + (MODEL * np.abs(relation.out)) ** 2, 1e-300)
+    free = [v for term in relation.made.values() for v in (term, -1j * w * term)]
+    back = relation.made["displacement"]
+    _, coupled_left, _ = _squares(relation.out, [*free, -1j / w * back], weight)
+    size, left, se = _squares(relation.out, [*free, -(more * y.mean(axis=0)) / step], weight)
+    if left > coupled_left + LEVEL**2 or abs(size) < LEVEL * se:
+        return None
+    return _Integral(gain, stated, stated + size, se, left < coupled_left - LEVEL**2)
+
+
+def _integral_finding(view: View, found: _Integral) -> Finding:
+    text = (
+        f"gains: the command is what the stated controller makes of the displacement with {found.gain} = "
+        f"{found.value:.4g} +- {2 * found.se:.1g} in place of {found.stated:g}{_unit_of_time(view, found)}; correct "
+        f"{found.gain}"
+    )
+    return Finding("filter", view.recording, "gains", found.value,
+                   (found.value - 2 * found.se, found.value + 2 * found.se), text, "wiring")  # fmt: skip
+
+
+def _unit_of_time(view: View, found: _Integral) -> str:
+    """What is said of an integral gain that counts in samples."""
+    times = found.value / found.stated if found.stated else 0.0
+    if not abs(times / view.rig.control_rate - 1) < PER_SAMPLE:
+        return ""
+    return ", which is that one times the control rate: it is stated for one sample, and counts for one second"
+
+
 def decoupled(view: View, found: Finding) -> View:
-    """The view with the channel of a finding of `coupled` as it was before its high-pass."""
-    values = view.channels.get(found.channel)
+    """The view with what a finding of `coupled` names as it should be: a channel before its high-pass, or a gain."""
+    if found.channel == "gains" and view.gains is not None and found.value is not None:
+        gain = next(name for name in INTEGRALS if name in gain_values(view.gains))
+        return replace(view, gains=with_gains(view.gains, **{gain: found.value}))
+    values = view.channels.get(found.channel.partition(" or ")[0])
     if values is None or found.value is None:
         return view
     values = uncoupled(values - values.mean(), view.rate, (found.value,))
-    return replace(view, channels={**view.channels, found.channel: values})
+    return replace(view, channels={**view.channels, found.channel.partition(" or ")[0]: values})
 
 
 def slow_parts(view: View) -> list[Finding]:

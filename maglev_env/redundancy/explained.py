@@ -12,6 +12,7 @@ from maglev_env.redundancy.view import View
 
 MOST_EFFECTS = 6  # that a sentence names
 OF_CONTROLLER = ("controller", "injection to command", "reference to command")
+HALF = 0.2  # of half a sample: how near to it a delay is taken for it
 LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
 
 
@@ -109,6 +110,9 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     text = f"{names}: {' and '.join(says) or 'differs'} against {against}; {_advice(view, code, lead)}"
     if not named:
         text += ", and whether a gain lies between it and what acts"
+    for cause in found if code == "delay" else ():
+        if cause.name == "force":
+            text += _between_samples(view, cause.delay, cause.delay_se)
     holding = [row for row in rows if row.known and lead.name in row.powers]
     channel = " or ".join(c.name for c in (*named, *together))
     if lead.name == "displacement" and code == "scale" and {r.code for r in holding} <= {*OF_CONTROLLER}:
@@ -121,6 +125,18 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     elif len({row.code for row in off if lead.name in row.powers}) > 1 or lead.negative:
         kind = "contradiction"
     return Finding(code, view.recording, channel, float(value), interval, text, kind)
+
+
+def _between_samples(view: View, delay: float | None, error: float) -> str:
+    """What is said of a force (delay and standard error in s) that is late or early by half a sample: so is a smooth
+    force that is taken as held between samples, and a held one that is taken as smooth."""
+    half = 0.5 / (view.hold_rate or view.rate)
+    if delay is None or abs(abs(delay) - half) > max(LEVEL * error, HALF * half):
+        return ""
+    if (delay > 0) != (view.hold_rate is not None):
+        return ""
+    stated, acts = ("bl", "is smooth") if delay > 0 else ("zoh", "is held by a converter")
+    return f', or state intersample = "{stated}" of this recording if the force {acts} between samples'
 
 
 def _advice(view: View, code: str, cause: Cause) -> str:
@@ -222,6 +238,8 @@ def _row(view: View, row: Row) -> Finding:
     text = f"{names}: {', '.join(says)} against {row.against}"
     effects = _effects([row])
     wrong = "check when each is sampled; it may be" if late else "a scale, or" if row.gain_off() else "a filter, or"
+    if row.code == "newton force" and late:  # its power there is -1, so that a late force makes the row early
+        text += _between_samples(view, -row.delay if row.delay is not None else None, row.delay_se)
     text += f": {wrong} an effect ({effects}): run `maglev diagnose`" if effects else "; check both"
     kind: Kind = "effect" if or_effect(row) else "wiring"
     se = 2 * row.gain_se * abs(row.gain)

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from estimation.lines.periods import period_spectra
+from estimation.lines.periods import period_spectra, split_periods
 from maglev_env.channels import unit_of
 from maglev_env.redundancy.finding import Finding, Kind
 from maglev_env.redundancy.view import View
@@ -111,11 +111,15 @@ def outliers(view: View) -> list[Finding]:
     if len(blocks) < LEAST:
         return []
     samples, first = view.block[0], max(1, view.lines.first)  # a rotor that still rings is left out anyway
+    bridged = np.zeros(samples, bool)  # where one channel told nothing, none is as it was read
+    if view.masked is not None:
+        bridged = split_periods(view.masked[None], samples)[:, 0].any(axis=0)
     for i, name in enumerate(names):
         if name not in view.recorded:
             continue
         rest = blocks[first:, i] - np.median(blocks[first:, i], axis=0)
         rest = rest - np.median(rest, axis=1, keepdims=True)
+        rest[:, bridged] = 0.0
         kept = [p for p in range(len(rest)) if p + first not in view.left_out]
         rest = rest[kept]
         if not len(rest):
