@@ -22,11 +22,15 @@ def alike(view: View) -> list[Finding]:
     for name in ("injection", "reference"):
         if name in view.recorded and _copies(view.channels["command"], view.channels[name]):
             columns = [view.columns.get(n, n) for n in ("command", name)]
+            held = (
+                f"column {columns[0]!r} is named as both"
+                if columns[0] == columns[1]
+                else f"columns {columns[0]!r} and {columns[1]!r} hold the same signal, sample by sample"
+            )
+            so = ", so that S would be 1 at every line" if name == "injection" else ""
             text = (
-                f"command and {name}: columns {columns[0]!r} and {columns[1]!r} hold the same signal, sample by "
-                f"sample, and a controller that is at work adds its own to the {name}: one of them is not what it is "
-                f"called, so S would be 1 at every line; name the column that holds the controller's output together "
-                f"with the {name}, or leave the command out"
+                f"command and {name}: {held}, and a controller that is at work adds its own to the {name}{so}; name "
+                f"the column that holds the controller's output together with the {name}, or leave the command out"
             )
             return [Finding("identical", view.recording, f"command or {name}", None, None, text, "contradiction")]
     return []
