@@ -98,7 +98,8 @@ def test_a_diagnosis_knows_the_form_of_no_stiffness_wherever_it_bends_the_law(tm
     rig = draw_rig("ball", rng)
     controller = Controller(rig.pid, "pid", 1 / rig.parameters["control_rate"])
     recording = Recording("one", "fit", controller, draw_drive("chirp", rig, False, 0.05, rng))
-    write_campaign(tmp_path / "c", rig, "no_force", [(recording, True, simulate(Truth(rig, {}), recording, 5))])
+    made = simulate(Truth(rig, {}), recording, 5)
+    write_campaign(tmp_path / "c", rig, "no_force", [Recorded(recording, True, made)])
     _, records = read_records(tmp_path / "c")
     problem = problem_module.assemble(records, rest=False, for_estimate=for_estimate)
     assert "form of the force law" in problem.nuisances.names

@@ -14,7 +14,7 @@ from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
-from sim2real.blind.benchmark.write import write_campaign
+from sim2real.blind.benchmark.write import Recorded, write_campaign
 from sim2real.compared import drift as drift_module
 from sim2real.compared.drift import FORM, Drift, _by_gain, _ringing, _slope, drift_of, with_drift
 from sim2real.compared.point import Point, experiment_at, tolerances
@@ -149,7 +149,7 @@ def test_without_periods_a_drift_is_fitted_and_explains_nothing_where_there_is_n
     mean = -0.05 * (1 - np.exp(-lasting / 2.0)) / lasting
     for name, effects in (("still", {}), ("drifting", own)):
         made = simulate(Truth(rig, {"actuator_gain": 0.02}, effects), recording, 5)
-        write_campaign(tmp_path / name, rig, "no_force", [(recording, True, made)])
+        write_campaign(tmp_path / name, rig, "no_force", [Recorded(recording, True, made)])
         _, records = read_records(tmp_path / name)
         found = assemble(records)
         allowed, scales = tolerances(records[0].nominal), records[0].nominal.scales
