@@ -83,8 +83,27 @@ def claim(path: Path, spec: dict[str, Any], kind: str) -> None:
                 f"{path.parent} holds a {kind} of another version of maglev ({found.get(key)!r}, not "
                 f"{wanted.get(key)!r}); go on with that version, or choose another folder"
             )
-        both = "" if isinstance(found.get(key), dict) else f" ({found.get(key)!r}, not {wanted.get(key)!r})"
-        raise ValueError(f"{path.parent} holds a {kind} of another {key}{both}; choose another folder")
+        what = _difference(key, found.get(key), wanted.get(key))
+        raise ValueError(f"{path.parent} holds a {kind} of another {what}; choose another folder")
+
+
+def _difference(key: str, found: Any, wanted: Any) -> str:
+    """What differs between two values of a key, in words; of two tables, what differs first within them.
+
+    A goal stands in the target of its rig, and is no other rig.
+    """
+    if isinstance(found, dict) and isinstance(wanted, dict):
+        first, path = key, []
+        while isinstance(found, dict) and isinstance(wanted, dict):
+            different = [name for name in found if name in wanted and found[name] != wanted[name]]
+            if not different:
+                return f"{first}, whose {' '.join(path) or 'entries'} differ"
+            path.append(different[0])
+            found, wanted = found[different[0]], wanted[different[0]]
+        if path[-1] != "goal":
+            return f"{first}, whose {' '.join(path)} is {found!r}, not {wanted!r}"
+        key = "goal"
+    return f"{key} ({found!r}, not {wanted!r})"
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:

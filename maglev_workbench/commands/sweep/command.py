@@ -70,6 +70,7 @@ def sweep(
     from maglev_env.evaluation.devices import require_device
     from maglev_env.loop.effect import parse_effects
     from maglev_env.rig.rig_file import load_rig
+    from maglev_workbench.goal_label import goal_label
     from tuning.sweep import Sweep, default_axes
     from tuning.sweep_run import SPEC, swept_file
 
@@ -81,7 +82,7 @@ def sweep(
     if log is None:
         log = not given and all(axis.low > 0 for axis in axes.values())
     plan = Sweep(loaded, axes, log, sobol, parse_effects(effect), seed, sensor, device)
-    folder = out or Path(f"sweep-{loaded.name}")
+    folder = out or Path(f"sweep-{loaded.name}{goal_label(goal)}")
     require_folder(folder)
     require_apart(json_file, folder, (SPEC, "sweep.nc"))
     require_device(device, sensor)

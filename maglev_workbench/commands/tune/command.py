@@ -82,7 +82,10 @@ def tune(
     rejection: Annotated[
         float | None, typer.Option(help="Of a rotor: reject unbalance forces at this rate, 1/s (default: its own).")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the study; an interrupted one resumes there.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the study, which resumes there (default: by rig, method and --goal)."),
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Spend a budget of experiments on a simulated rig and recommend robust gains, or say why there are none.
@@ -133,9 +136,10 @@ def tune(
     from maglev_env.task.gain_box import parse_tuned
     from maglev_env.task.task import make_task
     from maglev_lanes.schedule import workers
+    from maglev_workbench.goal_label import goal_label
 
     loaded, chosen = load_rig(rig), parse_effects(effect)
-    folder = out or Path(f"tune-{loaded.name}-{method}")
+    folder = out or Path(f"tune-{loaded.name}-{method}{goal_label(goal)}")
     require_folder(folder)
     names, bounds = parse_tuned(tuned)
     task = make_task(

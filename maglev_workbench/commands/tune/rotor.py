@@ -23,6 +23,7 @@ from maglev_workbench.commands.runup.study import report
 from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
 from maglev_workbench.commands.tune.rotor_report import check_lines, found_json, sections, terminal_table
 from maglev_workbench.console import console, progress_bar, write_json
+from maglev_workbench.goal_label import goal_label
 from maglev_workbench.options import require_apart, require_folder
 from maglev_workbench.page import write_page
 from tuning.methods import METHODS, make_tuner
@@ -75,7 +76,7 @@ def run(
     check_reach(task.rotor, ladder)
     episode = RotorEpisode(task.rotor, task.preset, seed)
     tuner = make_tuner(method, task, episode, seed, budget)
-    folder = out or Path(f"tune-{task.name}-{method}")
+    folder = out or Path(f"tune-{task.name}-{method}{goal_label(goal)}")
     require_folder(folder)
     require_apart(json_file, folder, (SPEC, JOURNAL))
     made_by = {

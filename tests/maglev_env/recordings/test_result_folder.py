@@ -46,3 +46,19 @@ def test_a_folder_of_another_version_is_refused_in_words(tmp_path):
         ValueError, match=r"holds a study of another version of maglev \('0\.1\.0\+abc', not '0\.2\.0'\)"
     ):
         claim(path, {"schema": "a/1", "version": "0.2.0", "seed": 2}, "study")
+
+
+def test_what_differs_within_a_description_is_named(tmp_path):
+    """Two goals on one rig had been said to be those of another rig."""
+    path = tmp_path / "study.json"
+    rig = {"name": "a", "mass": 1.0, "target": {"band": [1, 2], "goal": "match"}, "effects": {}}
+    claim(path, {"seed": 1, "rig": rig}, "study")
+    other = {**rig, "target": {**rig["target"], "goal": "phase_margin >= 30"}}
+    with pytest.raises(ValueError, match=r"of another goal \('match', not 'phase_margin >= 30'\); choose another"):
+        claim(path, {"seed": 1, "rig": other}, "study")
+    with pytest.raises(ValueError, match=r"another rig, whose mass is 1.0, not 2.0; choose"):
+        claim(path, {"seed": 1, "rig": {**rig, "mass": 2.0}}, "study")
+    with pytest.raises(ValueError, match=r"another rig, whose effects differ; choose"):
+        claim(path, {"seed": 1, "rig": {**rig, "effects": {"delay": {"delay": 1e-5}}}}, "study")
+    with pytest.raises(ValueError, match=r"another rig \(\{.*\}, not 'b'\); choose"):
+        claim(path, {"seed": 1, "rig": "b"}, "study")

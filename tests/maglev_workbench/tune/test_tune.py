@@ -16,6 +16,7 @@ from maglev_env.task.gain_box import gain_box
 from maglev_env.task.task import make_task
 from maglev_workbench.commands.tune.advised import farther_in_words, unstated_noise
 from maglev_workbench.commands.tune.figures import where_figure
+from maglev_workbench.goal_label import goal_label
 from tuning.study.recommendation import Recommendation
 from tuning.tuner import Trials
 
@@ -78,6 +79,35 @@ def test_a_folder_of_another_study_is_refused(tmp_path):
     run("--budget", 1, *QUICK, "--out", tmp_path / "s")
     assert "another seed" in run("--budget", 1, "--seed", 1, *QUICK, "--out", tmp_path / "s", code=2)
     assert "another method" in run("--budget", 1, "--method", "sobol", *QUICK, "--out", tmp_path / "s", code=2)
+
+
+def test_two_goals_in_a_row_have_two_folders(tmp_path):
+    (tmp_path / "mine.txt").write_text("phase_margin >= 30")
+    goals = (
+        None,
+        "match",
+        "engineer",
+        "phase_margin >= 30",
+        "phase_margin>=30.0",
+        "phase_margin >= 31",
+        "best compliance near 1e-5",
+    )
+    labels = [goal_label(g) for g in (*goals, str(tmp_path / "mine.txt"))]
+    assert labels[:3] == ["", "-match", "-engineer"] and labels[3] == labels[4]
+    assert labels[3].startswith("-phase_margin-") and labels[6].startswith("-compliance-")
+    assert labels[7] == labels[3].replace("phase_margin", "mine") and len(set(labels)) == len(labels) - 1
+    with pytest.raises(ValueError, match="is not understood"):
+        goal_label("phase_margin >= many")
+
+
+@pytest.mark.slow
+def test_a_study_of_one_goal_stands_beside_that_of_another(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for goal in ("phase_margin >= 30", "phase_margin >= 31"):
+        run("--budget", 1, *QUICK, "--goal", goal)
+    assert len(list(tmp_path.glob("tune-hmb_free-model-phase_margin-*/study.json"))) == 2
+    again = run("--budget", 1, *QUICK, "--goal", goal, "--out", next(tmp_path.glob("tune-*")))
+    assert "reused" in again or "another goal" in again
 
 
 def test_a_noise_current_without_stated_noise_is_said_to_be_the_converters_alone():
