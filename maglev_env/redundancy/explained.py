@@ -81,17 +81,24 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     sure = any(not or_effect(row) for row in off)
     factor = (-1 if lead.negative else 1) * float(np.exp(lead.size))
     reach = 2 * lead.size_se * abs(factor)
+    mass = next((row.notes for row in off if "mass" in row.notes), None)
+    if lead.name == "mass" and mass:
+        factor, reach = mass["mass"], 2 * mass["mass_se"]
     says, code, value, interval = [], "scale", factor, (factor - reach, factor + reach)
     gained = lead.negative or any(row.gain_off() for row in off)
     if lead.negative and not any(abs(row.size) > row.tolerance + LEVEL * row.gain_se for row in off):
         says.append("its sign is reversed")
         code = "sign"
     elif gained:
-        size_words = f"{factor:.3g} +- {reach:.1g}"
+        size_words = _with_reach(factor, reach)
         if lead.name in PARAMETERS:
             says.append(f"what is stated is {size_words} times what is shown")
         else:
             says.append(f"factor {size_words}")
+            if mass and any(c.name == "mass" for c in named):
+                says[-1] += (
+                    f", or the stated mass is {_with_reach(mass['mass'], 2 * mass['mass_se'])} times what is shown"
+                )
     if any(row.delay_off() for row in off):
         samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
         other = [c.name for c in channels if c.delay * lead.delay < 0]
@@ -137,6 +144,10 @@ def _between_samples(view: View, delay: float | None, error: float) -> str:
         return ""
     stated, acts = ("bl", "is smooth") if delay > 0 else ("zoh", "is held by a converter")
     return f', or state intersample = "{stated}" of this recording if the force {acts} between samples'
+
+
+def _with_reach(value: float, reach: float) -> str:
+    return f"{value:.3g} +- {reach:.1g}"
 
 
 def _advice(view: View, code: str, cause: Cause) -> str:

@@ -18,12 +18,21 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.redundancy.bounds import ranges
 from maglev_env.redundancy.result import doubtful
 from maglev_env.redundancy.rules import _as_many, _at_ticks, _compares, _views, as_data, examine
+from maglev_env.rig.rig_file import load_rig
 
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
     """One period-by-period recording of the free rotor with every channel."""
     return campaigns.campaign(tmp_path_factory.mktemp("sound"), names=("base", "gains"))
+
+
+@pytest.fixture(scope="module")
+def dense(tmp_path_factory):
+    """A recording of the free rotor with force lines up to 248 Hz."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(campaigns, "FORCED", tuple(range(1, 63)))
+        return campaigns.campaign(tmp_path_factory.mktemp("dense"), names=("base",))
 
 
 @pytest.fixture(scope="module")
@@ -228,6 +237,20 @@ def test_gains_that_count_in_a_wrong_unit_leave_the_scale_of_the_reading_open(so
     found = changed(sound, tmp_path / "c", "base", scale("displacement", 1.5), in_that_unit)
     (said,) = [f.message for f in found if "mass" in f.channel]
     assert "or the scale of column 'displacement', if the stated gains count in it" in said
+
+
+@pytest.mark.parametrize("stated", [0.5, 1 / 1.5, 1 / 1.2, 2.0])
+def test_the_mass_that_is_shown_is_told_without_the_stiffness(dense, tmp_path, stated):
+    """A mass of twice the stated one had been said to be 1 / 0.548 +- 0.006 times it: the magnets' stiffness has its
+    part in the displacement also where the mass dominates."""
+    table = f'rig = "hmb_free"\n[parameters]\nmass = {stated * load_rig("hmb_free").mass!r}'
+    found = changed(dense, tmp_path / "c", "base", lambda _: None, lambda t: t.replace('rig = "hmb_free"', table))
+    (first,) = [f for f in found if "mass" in f.channel]
+    said = re.search(r"(?:stated mass|what is stated) is (\S+) \+- (\S+) times what is shown", first.message)
+    value, reach = map(float, said.groups())
+    assert value == pytest.approx(stated, rel=0.01) and abs(value - stated) < reach < 0.06 * stated
+    if first.channel == "mass":
+        assert first.value == pytest.approx(value, rel=5e-3) and first.interval[0] < stated < first.interval[1]
 
 
 def test_a_mass_that_is_stated_too_small_to_dominate_anywhere_is_told(tmp_path):
