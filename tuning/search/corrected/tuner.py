@@ -14,8 +14,10 @@ from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.search.corrected.discrepancy import Discrepancy
 from tuning.search.corrected.fit import fitted, opened
+from tuning.search.corrected.limits import READ, Tolerated, allowed
 from tuning.search.corrected.loops import LineModel
 from tuning.search.corrected.parameters import Parameters
+from tuning.study.recommendation import GAIN_MARGIN
 from tuning.study.study import experiments
 from tuning.tuner import Trials
 
@@ -44,6 +46,8 @@ class ModelCorrected:
     difference is carried from the experiments to their surroundings and fades from there, so that the model alone
     speaks of gains far away. Draws of both say how sure a score is: the next gains are those of the largest expected
     improvement, and those after the start, of which least is known, lose more than CALM in UNSURE of the draws only.
+    Under a goal of requirements the limits of a recommendation count as such, too: gains that would be refused, here or
+    on rigs within tolerance, are not worth an experiment.
     """
 
     note: str | None = None
@@ -65,8 +69,12 @@ class ModelCorrected:
         self._thetas, self._due = self._parameters.centre[None], 1
         names = [r.name for r in self._goal.measured] if self._goal else list(NOISE)
         self._names = {n: n if self._goal is None else f"required_{n}" for n in names}
+        self._limits = {f"limit_{n}": key for n, key in READ.items()} if self._goal else {}
+        self._names |= self._limits
+        self._tolerated = Tolerated(self._models)
         required = self._goal.requirements if self._goal else ()
         self._ample = {r.name: AMPLE * r.limit for r in required if r.name == "gain_margin" and r != self._goal.best}
+        self._ample["limit_gain_margin"] = AMPLE * GAIN_MARGIN
         self._events = [r.name for r in self._goal.measured if r.quantity.event] if self._goal else []
 
     def ask(self, n: int) -> np.ndarray:
@@ -103,6 +111,8 @@ class ModelCorrected:
             self._thetas = fitted(self._parameters, self._models, points, infos, start, DRAWS, self._rng, first)
             self._due = int(np.ceil(AGAIN * len(self._told) + 0.5))
             self._loops = opened(self._parameters, self._models, self._thetas)
+            if self._limits:
+                self._tolerated.open(self._parameters.rig_at(self._thetas[0]))
         axes = [int(i.get("axis", 0)) % len(self._models) for i in infos]
         self._ratios, self._corrections = {}, {}
         modelled = self._modelled(points)
@@ -126,6 +136,7 @@ class ModelCorrected:
             if name in self._events:
                 continue
             key, scale = ("peak_displacement", self._target.clearance) if name == "displacement" else (name, 1.0)
+            key = self._limits.get(name, key)
             found[name] = np.array([[values[key] / scale for values in axes] for axes in every])
         if self._events:
             rig = self._parameters.rig_at(self._thetas[0])
@@ -146,10 +157,18 @@ class ModelCorrected:
             normal = np.concatenate([normal, -normal])
             corrected[name] = modelled[name] * np.exp(mean + normal * spread)[:, :, None, :]
         if self._goal:
-            found = goal_score(goal_terms(self._goal, corrected))
+            found = goal_score(goal_terms(self._goal, corrected)) * allowed(self._worst(points, corrected))
         else:
             found = score(terms(self._target, *(corrected[name] for name in NOISE)))
         return np.nan_to_num(found).min(axis=2).reshape(-1, len(points))
+
+    def _worst(self, points: np.ndarray, corrected: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What a recommendation limits, (..., axes, m), by quantity: the corrected values, within tolerance."""
+        scale = {"displacement": self._target.clearance}
+        return {
+            name: corrected[f"limit_{name}"] * factor / scale.get(name, 1.0)
+            for name, factor in self._tolerated.factors(points).items()
+        }
 
     def _searched(self) -> np.ndarray:
         """The point that is expected to gain most; after the first experiments, among those that surely lose little."""
