@@ -13,6 +13,7 @@ from maglev_env.task.episodes import Episode
 from maglev_env.task.pump_episodes import RotorEpisode
 from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
+from tuning.study.passed_over import PassedOver, passed_over
 from tuning.study.study import experiments
 from tuning.tuner import Trials
 
@@ -61,10 +62,12 @@ class Recommendation:
     Attributes:
         chosen: The first of the best-scored gains that are not refused; None where all are.
         refused: Those before it, best first.
+        passed: Others that scored higher in their experiment.
     """
 
     chosen: Verdict | None
     refused: tuple[Verdict, ...]
+    passed: PassedOver = field(default_factory=PassedOver)
 
 
 def recommend(
@@ -95,7 +98,10 @@ def recommend(
     fresh = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(AGAIN)]
     refused: list[Verdict] = []
     lost: dict[str, float] = {}
-    for i in _ranked(task, trials, fresh):
+    order, means = _ranked(task, trials, fresh)
+    tried: list[int] = []
+    skipped: list[int] = []
+    for i in order:
         point = trials.points[i]
         if not trials.score[i] > 0 or len(refused) == candidates:
             break
@@ -103,12 +109,14 @@ def recommend(
         apart = min(NEAR * 2 ** max(len(refused) - 1, 0), FARTHEST)
         away = [np.abs(v.point - point).max() for v in refused]
         if away and (min(away) <= apart or (away[-1] <= FARTHEST and _would_lose(trials.info[i], lost))):
+            skipped.append(i)
             continue
         again = reduce(add, (experiments(task, e, np.tile(point, (len(e), 1)), [0] * len(e)) for e in (own, spread)))
         verdict = verdict_of(point, again, repeats, episode)
         if verdict.reason is None:
-            return Recommendation(verdict, tuple(refused))
+            return Recommendation(verdict, tuple(refused), passed_over(trials, i, means, tried, skipped))
         refused.append(verdict)
+        tried.append(i)
         lost = _lost(again, repeats, verdict)
     return Recommendation(None, tuple(refused))
 
@@ -133,8 +141,13 @@ def _would_lose(info: Mapping[str, Any], lost: Mapping[str, float]) -> bool:
     return False
 
 
-def _ranked(task: Task | RotorGoalTask, trials: Trials, fresh: Sequence[Episode | RotorEpisode]) -> list[int]:
-    """Indices of the trials, the best first; FINALISTS that lie apart by their mean scores on fresh episodes."""
+def _ranked(
+    task: Task | RotorGoalTask, trials: Trials, fresh: Sequence[Episode | RotorEpisode]
+) -> tuple[list[int], dict[int, float]]:
+    """Indices of the trials, the best first; FINALISTS that lie apart by their mean scores on fresh episodes.
+
+    And these means by index.
+    """
     order, first = [int(i) for i in np.argsort(-trials.score, kind="stable")], []
     for i in order:
         if len(first) == FINALISTS or not trials.score[i] > 0:
@@ -142,12 +155,13 @@ def _ranked(task: Task | RotorGoalTask, trials: Trials, fresh: Sequence[Episode 
         if all(np.abs(trials.points[j] - trials.points[i]).max() > NEAR for j in first):
             first.append(i)
     if len(first) < 2:
-        return order
+        return order, {}
     points = np.repeat(trials.points[first], len(fresh), axis=0)
     found = experiments(task, [*fresh] * len(first), points, [0] * len(points))
     means = found.score.reshape(len(first), len(fresh)).mean(axis=1)
+    known = dict(zip(first, map(float, means), strict=True))
     first = [first[k] for k in np.argsort(-means, kind="stable")]
-    return [*first, *(i for i in order if i not in first)]
+    return [*first, *(i for i in order if i not in first)], known
 
 
 def _within_tolerance(

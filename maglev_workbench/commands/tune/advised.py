@@ -15,6 +15,7 @@ from maglev_env.task.task import Task
 from maglev_workbench.commands.tune.next_recording import digits
 from maglev_workbench.goal_page import PREFIX
 from maglev_workbench.page import number
+from tuning.study.passed_over import PassedOver
 
 AT_END = 0.005  # of a range, within which a gain stands at its end
 BEYOND = 2.0  # factor by which a range that is proposed goes farther
@@ -36,6 +37,24 @@ def kept_gains(task: Task | RotorGoalTask) -> dict[str, float]:
     else:
         own = gain_values(of_axis(task.rig.gains or NO_CONTROLLER, 0))
     return {name: value for name, value in own.items() if name not in task.box.names}
+
+
+def passed_in_words(passed: PassedOver) -> str:
+    """A sentence on sets that scored higher in their experiment and were not taken; "" for none."""
+    why = []
+    if passed.lower:
+        ends = dict.fromkeys(f"{one:.3f}" for one in (passed.lower[0], passed.lower[-1]))
+        why.append(f"{len(passed.lower)} because the mean is lower under fresh noise ({' .. '.join(ends)})")
+    if passed.beside:
+        why.append(f"{passed.beside} beside sets that were measured again")
+    if passed.beside_refused:
+        why.append(f"{passed.beside_refused} beside refused ones")
+    if not why:
+        return ""
+    count = len(passed.lower) + passed.beside + passed.beside_refused
+    return (
+        f" Of single readings {count} scored higher and {'is' if count == 1 else 'are'} passed over: {', '.join(why)}."
+    )
 
 
 def farther_in_words(task: Task | RotorGoalTask, point: np.ndarray, missed: bool = False) -> str:

@@ -1,6 +1,7 @@
 """A study as tables, page and JSON: tried gains, the recommendation, and refused gains with reasons."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from maglev_workbench.commands.tune.advised import (
     kept_gains,
     missed_on_rig,
     misses_within,
+    passed_in_words,
     tolerance_in_words,
     unstated_noise,
 )
@@ -74,6 +76,7 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
         text += f" {scale_in_words(goal, reached)}".rstrip()
     if advice.refused:
         text += f" {len(advice.refused)} that scored higher were refused."
+    text += passed_in_words(advice.passed)
     return text + farther_in_words(task, c.point, bool(goal) and missed_on_rig(goal, c.required))
 
 
@@ -127,7 +130,7 @@ def tune_page(
         ("Score of every experiment", course_figure(task, found)),
         ("Where it looked", where_figure(task, found, advice)),
         ("Best experiments", table(("experiment", *gain_heads(task.box.names), *head[1:]), _best_rows(task, found))),
-        ("Refused", table(("gains", "why"), refused) if refused else note("Nothing that scored higher was refused.")),
+        ("Refused", table(("gains", "why"), refused) if refused else note("Nothing was refused.")),
     ]
     if advice.chosen:
         sections.insert(
@@ -164,6 +167,7 @@ def tune_json(
             "box": {name: [*ends, log] for name, *ends, log in zip(*_box(task), strict=True)},
             "recommended": told(advice.chosen) if advice.chosen else None,
             "refused": [told(v) for v in advice.refused],
+            "passed_over": asdict(advice.passed),
             "experiments": [
                 {
                     "gains": dict(zip(task.box.names, g, strict=True)),

@@ -14,9 +14,10 @@ from maglev_env.rig.goal import parse_goal
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.gain_box import gain_box
 from maglev_env.task.task import make_task
-from maglev_workbench.commands.tune.advised import farther_in_words, unstated_noise
+from maglev_workbench.commands.tune.advised import farther_in_words, passed_in_words, unstated_noise
 from maglev_workbench.commands.tune.figures import where_figure
 from maglev_workbench.goal_label import goal_label
+from tuning.study.passed_over import PassedOver
 from tuning.study.recommendation import Recommendation
 from tuning.tuner import Trials
 
@@ -108,6 +109,17 @@ def test_a_study_of_one_goal_stands_beside_that_of_another(tmp_path, monkeypatch
     assert len(list(tmp_path.glob("tune-hmb_free-model-phase_margin-*/study.json"))) == 2
     again = run("--budget", 1, *QUICK, "--goal", goal, "--out", next(tmp_path.glob("tune-*")))
     assert "reused" in again or "another goal" in again
+
+
+def test_sets_that_scored_higher_and_were_not_taken_are_explained_in_a_sentence():
+    """Seven rows above the recommended one had no word, and the page said that nothing was refused."""
+    assert passed_in_words(PassedOver()) == ""
+    assert passed_in_words(PassedOver((0.7, 0.75), beside=2, beside_refused=1)) == (
+        " Of single readings 5 scored higher and are passed over: 2 because the mean is lower under fresh noise "
+        "(0.700 .. 0.750), 2 beside sets that were measured again, 1 beside refused ones."
+    )
+    one = passed_in_words(PassedOver((0.7,)))
+    assert one.endswith("1 scored higher and is passed over: 1 because the mean is lower under fresh noise (0.700).")
 
 
 def test_a_noise_current_without_stated_noise_is_said_to_be_the_converters_alone():

@@ -9,6 +9,7 @@ from scipy import stats
 from maglev_env.task.task import make_task
 from tuning.search.rule import DissertationRule
 from tuning.study import recommendation
+from tuning.study.passed_over import PassedOver, passed_over
 from tuning.study.recommendation import PEAK_SENSITIVITY, recommend, verdict_of
 from tuning.study.study import experiments
 from tuning.tuner import Trials
@@ -51,6 +52,8 @@ def test_a_lucky_reading_is_not_recommended():
     found = recommend(NOMINAL, EPISODE, lucky, seed=0)
     np.testing.assert_array_equal(found.chosen.point, trials.points[0])
     assert found.chosen.score > 0.97 and not found.refused
+    assert len(found.passed.lower) == 2 and max(found.passed.lower) < found.chosen.score
+    assert found.passed.beside == found.passed.beside_refused == 0
 
 
 def test_copies_of_refused_gains_do_not_take_the_place_of_others(monkeypatch):
@@ -61,6 +64,7 @@ def test_copies_of_refused_gains_do_not_take_the_place_of_others(monkeypatch):
     found = recommend(NOMINAL, EPISODE, trials, seed=0, candidates=2)
     assert len(found.refused) == 1
     np.testing.assert_array_equal(found.chosen.point, trials.points[-1])
+    assert found.passed == PassedOver(beside_refused=8)
 
 
 def test_gains_that_would_be_refused_for_the_same_reason_do_not_take_the_place_of_others():
@@ -103,6 +107,13 @@ def test_a_gain_margin_is_told_without_the_readings_that_noise_raised():
     down = ({**info[0], "required_lift_off_time": np.inf}, *info[1:])
     told = verdict_of(np.zeros(3), replace(again, info=down), 8, EPISODE).required
     assert told["required_lift_off_time"] == np.inf  # one touchdown is one too many
+
+
+def test_why_sets_that_scored_higher_are_passed_over_is_counted():
+    score = np.array([0.9, 0.89, 0.88, 0.87, 0.86, 0.8, 0.1])
+    trials = Trials(np.zeros((7, 3)), score, np.zeros((7, 0)), ({},) * 7, np.zeros(7, bool))
+    found = passed_over(trials, 5, {0: 0.7, 1: 0.75, 5: 0.82, 6: 0.1}, refused=[0], skipped=[2])
+    assert found == PassedOver((0.75,), beside=2, beside_refused=1)
 
 
 def test_nothing_that_failed_is_recommended():
