@@ -63,7 +63,10 @@ def farther_in_words(task: Task | RotorGoalTask, point: np.ndarray, missed: bool
     Args:
         task: The task.
         point: (k,).
-        missed: Whether a requirement is missed there, so that a filter that was left alone is named, too.
+        missed: Whether a requirement is missed there.
+
+    A filter that was left alone is named, too, where a requirement is missed or a goal makes something best: it costs
+    the phase that stiffness needs, and ranges of the other gains end where that is spent.
     """
     rotor, box = isinstance(task, RotorGoalTask), task.box
     cards = {} if rotor else {name: card for name, _, card in stated_gains(of_axis(task.rig.gains, 0))}
@@ -78,13 +81,16 @@ def farther_in_words(task: Task | RotorGoalTask, point: np.ndarray, missed: bool
                 low, high = max(low, card.low), min(high, card.high, most if card.unit == "Hz" else high)
         others = ranges.get(own, (low, high))
         ranges[own] = min(low, others[0]), max(high, others[1])
-    left = {name.partition("_")[0] if rotor else name for name in kept_gains(task)} & set(FILTERS) if missed else set()
+    left = {name.partition("_")[0] if rotor else name for name in kept_gains(task)} & set(FILTERS)
+    goal = task.layout.goal
+    left = left if missed or (goal and (goal.best or at)) else set()
     if not at and not left:
         return ""
     options = [f"--tune {name}={digits(low)}:{digits(high)}" for name, (low, high) in ranges.items()]
     options += [f"--tune {name}" for name in sorted(left)]
     ends = f" At the end of its range: {', '.join(at)}." * bool(at)
-    filters = f" Left as before: {', '.join(sorted(left))}, the filter of the derivative." * bool(left)
+    filters = f" Left as before: {', '.join(sorted(left))}, the filter of the derivative, whose lag costs phase."
+    filters *= bool(left)
     return f"{ends}{filters} {'What is missed may be met' if missed else 'Better may lie'} beyond: {' '.join(options)}"
 
 

@@ -139,8 +139,17 @@ def test_what_is_to_be_searched_farther_is_one_command_for_all_gains():
     assert "kp (upper of 3000 .. 24000), ki (lower of 100 .. 20000)" in text
     assert text.endswith("Better may lie beyond: --tune kp=3000:48000 --tune ki=50:20000 --tune kd=1:20")
     assert farther_in_words(task, np.zeros(3), missed=True).endswith(
-        "Left as before: td, the filter of the derivative. What is missed may be met beyond: --tune kp=3000:24000 "
-        "--tune ki=100:20000 --tune kd=1:20 --tune td"
+        "Left as before: td, the filter of the derivative, whose lag costs phase. What is missed may be met beyond: "
+        "--tune kp=3000:24000 --tune ki=100:20000 --tune kd=1:20 --tune td"
     )
+    # Under a goal td may be worth 35 % of what is made best, at the ends of ranges and within.
+    for best, point, told in (
+        ("", np.zeros(3), False),
+        ("", np.ones(3), True),
+        (", best compliance near 1e-5", np.zeros(3), True),
+    ):
+        own = make_task(load_rig("hmb_free"), goal="phase_margin >= 30" + best)
+        text = farther_in_words(own, point)
+        assert ("Left as before: td" in text and "Better may lie beyond" in text and text.endswith("--tune td")) is told
     notched = make_task(load_rig("hmb_free"), controller="pid + notch 650", tuned=("notch_depth",))
     assert "--tune notch_depth=0.01:1" in farther_in_words(notched, np.array([-1.0]))
