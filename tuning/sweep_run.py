@@ -195,7 +195,7 @@ def _together(
 
 _NAMES = {  # what stands before and behind the names of a field
     "terms": ("term_", ""), "required": ("required_", ""), "required_low": ("required_", "_low"),
-    "required_high": ("required_", "_high"),
+    "required_high": ("required_", "_high"), "between_lines": ("between_lines_", ""),
 }  # fmt: skip
 
 

@@ -72,7 +72,8 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     The gains tried and the results of the experiment, in SI: stiffness and damping in the target band with 95 % bounds
     and per band with standard errors, margins, peak_displacement (m), current_rms (A), touchdown_time (s), pole_radius,
     feasible, axis (the worse one, 0 or 1), score and its terms (`term_*`), with a `goal` what it measures
-    (`required_*`, with `_low` and `_high` of 95 %). Unknown values, such as an estimate after a
+    (`required_*`, with `_low` and `_high` of 95 %), and where a sharp resonance lies between the injection lines the
+    margins that the linearised loop has there (`between_lines_*`). Unknown values, such as an estimate after a
     touchdown, are left out.
 
     ## Arguments

@@ -48,6 +48,9 @@ class Evaluation(Presented):
         required: What a goal measures, by name (see `rig.goal.QUANTITIES`), each of the axis where it is worse, and of
             the worst rig if it is judged on several. Empty for the goal `match`.
         required_low, required_high: Their 95 % bounds where they are known (see `requirements.Measured`).
+        between_lines: What the linearised loop has at all frequencies, by `linear.between_lines.NAMES`, where a sharp
+            resonance lies between the injection lines; nan where the lines show as much. The bounds hold it, the
+            measured values do not.
     """
 
     bands: np.ndarray
@@ -81,6 +84,7 @@ class Evaluation(Presented):
     required: dict[str, np.ndarray] = field(default_factory=dict)
     required_low: dict[str, np.ndarray] = field(default_factory=dict)
     required_high: dict[str, np.ndarray] = field(default_factory=dict)
+    between_lines: dict[str, np.ndarray] = field(default_factory=dict)
 
     rows = "experiment"
 
@@ -98,7 +102,8 @@ class Evaluation(Presented):
     def to_xarray(self) -> "xr.Dataset":
         """Every array by experiment, and by band at the bands' centres (Hz); units are in the attributes.
 
-        Margins have their own names; the terms of the score begin with `term_`, what a goal measures with `required_`.
+        Margins have their own names; the terms of the score begin with `term_`, what a goal measures with `required_`,
+        and what lies between the lines with `between_lines_`.
         """
         import xarray as xr
 
@@ -141,7 +146,7 @@ class Evaluation(Presented):
 # Of the arrays by name, in a table of all arrays.
 _PREFIXES = {
     "margins": "", "terms": "term_", "required": "required_", "required_low": "required_low_",
-    "required_high": "required_high_",
+    "required_high": "required_high_", "between_lines": "between_lines_",
 }  # fmt: skip
 # SI units of the arrays, by a part of their names; the first that fits counts.
 _UNITS = (

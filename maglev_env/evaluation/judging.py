@@ -11,22 +11,23 @@ from estimation.lines.frequency_response import POOL, frequency_response, pooled
 from estimation.lines.periods import LineStatistics
 from estimation.lines.smooth_loop import smooth_closed_loop
 from estimation.max_likelihood import BandEstimate, maximum_likelihood
-from estimation.normal import widening
+from estimation.normal import NORMAL_95, widening
 from estimation.stability_margins import margin_arrays
 from maglev_env.evaluation.devices import Prepared
 from maglev_env.evaluation.evaluation import Evaluation, joined
 from maglev_env.evaluation.goal_score import goal_score, goal_terms
 from maglev_env.evaluation.known_chain import force_statistics
-from maglev_env.evaluation.requirements import Measured, large_signal_test, measured
+from maglev_env.evaluation.requirements import LOOP, Measured, held, large_signal_test, measured
 from maglev_env.evaluation.score import ScoreTarget, score, terms
 from maglev_env.evaluation.sensitivity import injected_sensitivity
 from maglev_env.evaluation.target import protocol_of
-from maglev_env.evaluation.worst import worst_of
+from maglev_env.evaluation.worst import worst_hidden, worst_of
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.kernel.blocks import Block, own_lanes
 from maglev_env.kernel.simulate import Gathered, SimulatedStatistics, simulate_statistics
 from maglev_env.kernel.state import State
-from maglev_env.linear.poles import pole_radii
+from maglev_env.linear.between_lines import between_lines
+from maglev_env.linear.poles import all_poles
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import of_axis
 from maglev_env.rig.excitation import lines_at
@@ -117,7 +118,14 @@ def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
     feasible = np.all([part.feasible for part in parts], axis=0)
     total = np.where(feasible, goal_score(own), 0.0)
     return replace(
-        parts[0], required=required, required_low=low, required_high=high, terms=own, score=total, feasible=feasible
+        parts[0],
+        required=required,
+        required_low=low,
+        required_high=high,
+        terms=own,
+        score=total,
+        feasible=feasible,
+        between_lines=worst_hidden([part.between_lines for part in parts]),
     )
 
 
@@ -144,10 +152,10 @@ def evaluated(
     """
     experiments, blocks = prepared.experiments, prepared.blocks
     simulated = simulate_statistics(experiments, threads=1, blocks=blocks, gathered=prepared.gathered)
-    radius = pole_radii(experiments)
+    poles = all_poles(experiments)
     tested = large_signal_test(goal, experiments, blocks) if goal else [{}] * len(targets)
     parts = [
-        _of_axis(experiments, axis, simulated, radius, target, bands, goal, tested[axis])
+        _of_axis(experiments, axis, simulated, poles, target, bands, goal, tested[axis])
         for axis, target in enumerate(targets)
     ]
     if len(parts) == 1:
@@ -155,6 +163,7 @@ def evaluated(
     # A rotor is only as good as its worse axis.
     worse = np.argmin([part.score for part in parts], axis=0)
     found = joined(parts, lambda values: np.choose(worse.reshape(-1, *[1] * (values[0].ndim - 1)), values))
+    found = replace(found, between_lines=worst_hidden([part.between_lines for part in parts]))
     if not goal:
         return found
     # The axis with the lower score may meet what the other one misses, whose best quantity is better.
@@ -166,7 +175,7 @@ def _of_axis(
     experiments: Sequence[Experiment],
     axis: int,
     simulated: SimulatedStatistics,
-    radius: np.ndarray,
+    poles: Sequence[np.ndarray],
     target: ScoreTarget,
     bands: np.ndarray | None,
     goal: Goal | None,
@@ -206,7 +215,9 @@ def _of_axis(
         added_phase, margin_lost = np.full((2, len(probe)), np.nan)
     else:
         added_phase, margin_lost = _sensing_cost(probe, injection, sensitivity, margins)
+    hidden = between_lines(experiments, poles, injection.frequency, axis)
     ms_se = np.sqrt(variance[np.arange(len(nearest)), nearest] / 2)
+    ms_se = np.fmax(ms_se, (hidden["peak_sensitivity"][alive] - margins["peak_sensitivity"]) / NORMAL_95)
     aims = ScoreTarget(*(np.asarray(value)[alive] for value in vars(target).values()))
     scored = terms(
         aims,
@@ -222,8 +233,10 @@ def _of_axis(
         known = _known(in_target, simulated, alive, aims, tested)
         loop = injection.frequency, sensitivity, variance
         required = measured(goal, force, loop, margins, known, axis_rig(whole.rig, axis).runs_away)
+        required |= {name: held(required[name], name, hidden[name][alive]) for name in LOOP if name in required}
         scored = goal_terms(goal, {name: m.value for name, m in required.items()})
         total = goal_score(scored)
+    radius = np.array([np.abs(own).max() for own in poles])
     feasible = alive & (radius < 1)
     scored = {name: _scatter(value, alive) for name, value in scored.items()}
     return Evaluation(
@@ -254,6 +267,7 @@ def _of_axis(
         required={name: _scatter(m.value, alive) for name, m in required.items()},
         required_low={name: _scatter(m.low, alive) for name, m in required.items()},
         required_high={name: _scatter(m.high, alive) for name, m in required.items()},
+        between_lines={name: np.where(alive, values, np.nan) for name, values in hidden.items()},
     )
 
 

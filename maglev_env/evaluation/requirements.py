@@ -1,7 +1,7 @@
 """What the requirements of a goal are compared with, by the identification experiment and the large-signal test."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -221,6 +221,19 @@ def measured(
     asked = {r.name: r for r in goal.measured}
     found["compliance"] = _compliance(force, asked.get("compliance"))
     return {name: found[name] for name in dict.fromkeys([*asked, *ALWAYS])}
+
+
+def held(reading: Measured, name: str, hidden: np.ndarray) -> Measured:
+    """A reading of the lines whose bounds hold what the loop has between them.
+
+    Args:
+        reading: The reading.
+        name: One of LOOP.
+        hidden: (n,), nan where the lines show as much.
+    """
+    if QUANTITIES[name].most:
+        return replace(reading, high=np.where(np.isnan(hidden), reading.high, np.fmax(reading.high, hidden)))
+    return replace(reading, low=np.where(np.isnan(hidden), reading.low, np.fmin(reading.low, hidden)))
 
 
 def _gain_margin(

@@ -50,3 +50,11 @@ def worst_of(
         for own, parts in zip(found, (required, *bounds), strict=True):
             own[name] = np.take_along_axis(np.stack([values[name] for values in parts]), worst[None], axis=0)[0]
     return found
+
+
+def worst_hidden(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """What several rigs or axes have between the lines (see `Evaluation.between_lines`), of the highest peak there."""
+    worst = np.nan_to_num([part["peak_sensitivity"] for part in parts]).argmax(axis=0)
+    return {
+        name: np.take_along_axis(np.stack([part[name] for part in parts]), worst[None], axis=0)[0] for name in parts[0]
+    }

@@ -30,23 +30,27 @@ def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | No
 
 def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
     """The largest magnitude (n,) of each experiment's `closed_loop_poles`."""
+    return np.array([np.abs(poles).max() for poles in all_poles(experiments)])
+
+
+def all_poles(experiments: Sequence[Experiment]) -> list[np.ndarray]:
+    """The `closed_loop_poles` of each experiment."""
     # Together with all others that have the same plant, and controllers of the same order.
     alike: dict[tuple, list[int]] = {}
     for i, e in enumerate(experiments):
         effects = tuple((name, *values.items()) for name, values in e.effects.items())
         states = [states_of(of_axis(e.gains, axis), 1 / e.rig.control_rate) for axis in range(e.rig.axes)]
         alike.setdefault((id(e.rig), id(e.sensor), effects, *states), []).append(i)
-    found = np.empty(len(experiments))
+    found: list[np.ndarray] = [np.empty(0)] * len(experiments)
     for members in alike.values():
         first = experiments[members[0]]
         stacked = [
             realised_together([of_axis(experiments[i].gains, axis) for i in members], 1 / first.rig.control_rate)
             for axis in range(first.rig.axes)
         ]
-        loops = _closed(first, discrete_plant(first), stacked)[0]
-        found[members] = np.abs(np.linalg.eigvals(loops)).max(axis=1)
-        if growth := _growing(first):
-            found[members] = np.maximum(found[members], max(growth))
+        growth = _growing(first)
+        for i, poles in zip(members, np.linalg.eigvals(_closed(first, discrete_plant(first), stacked)[0]), strict=True):
+            found[i] = np.concatenate([poles, growth])
     return found
 
 

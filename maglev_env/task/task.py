@@ -127,13 +127,14 @@ class Task:
         )
 
     def told(self, found: Evaluation) -> dict[str, np.ndarray]:
-        """Estimates, margins, peaks, the score and what a goal measures, arrays (n, ...) by name."""
+        """Estimates, margins, also between the lines, peaks, the score and what a goal measures: (n, ...) by name."""
         of_goal = {
             f"required_{name}{end}": values
             for end in ("", "_low", "_high")
             for name, values in getattr(found, f"required{end}").items()
         }
-        return {name: getattr(found, name) for name in _TOLD} | found.margins | of_goal
+        hidden = {f"between_lines_{name}": values for name, values in found.between_lines.items()}
+        return {name: getattr(found, name) for name in _TOLD} | found.margins | hidden | of_goal
 
 
 def make_task(

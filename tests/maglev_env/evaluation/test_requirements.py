@@ -9,6 +9,7 @@ from control_loops import DT, control_loop
 from pushed_rotor import GAIN, STIFFNESS, followed
 from scipy.integrate import solve_ivp
 
+from estimation.normal import NORMAL_95
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
 from maglev_env.evaluation.evaluate import evaluate
@@ -218,6 +219,32 @@ def test_margins_below_the_lines_are_not_known_and_missed():
     above = judged(goal, (weak,), replace(BALL, protocol=replace(BALL.protocol, excitations=parts)))
     assert np.isinf(above.required["peak_sensitivity"][0]) and above.score[0] < 1e-4
     assert not met(goal_of(with_goal(BALL, goal)), above.required)[0]
+
+
+@pytest.mark.slow
+def test_the_bounds_hold_a_resonance_that_lies_between_the_lines():
+    """Seen: |S| of 3.0 with an interval of 6 %, where the loop has 86.
+
+    And a phase margin of 32 degrees, where it has 0.7.
+    """
+    effects = {
+        "delay": {"time": 150e-6},
+        "support_resonance": {"frequency": 600.0, "damping_ratio": 0.005, "mass_ratio": 0.2},
+    }
+    sharp, plain = Gains(6500.0, 160.0, 8.7, 156e-6), Gains(6400.0, 250.0, 5.2, 1e-4)
+    goal = "peak_sensitivity <= 3, phase_margin >= 30, gain_margin >= 2, disk_margin >= 0.3"
+    e = judged(goal, (sharp, plain), effects=effects)
+    assert e.required["peak_sensitivity"][0] < 3.1  # what the lines show
+    assert e.between_lines["peak_sensitivity"][0] == pytest.approx(86, rel=0.03)
+    assert e.between_lines["peak_frequency"][0] == pytest.approx(665, abs=1)
+    assert e.required_high["peak_sensitivity"][0] == e.between_lines["peak_sensitivity"][0]
+    for name, most in (("phase_margin", 1.0), ("gain_margin", 1.1), ("disk_margin", 0.02)):
+        assert e.required_low[name][0] == e.between_lines[name][0] < most < e.required[name][0]
+    half = NORMAL_95 * e.peak_sensitivity_se[0]
+    assert e.margins["peak_sensitivity"][0] + half >= 0.99 * e.between_lines["peak_sensitivity"][0]
+    assert "between_lines_peak_sensitivity" in e.to_xarray()
+    free = judged(goal, GAINS[:1])
+    assert all(np.isnan(values).all() for values in free.between_lines.values())
 
 
 def test_a_ball_lifts_off_from_below_without_any_current():

@@ -1,0 +1,67 @@
+"""A resonance that falls between the lines of an experiment, against a dense grid and the border of stability."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maglev_env.experiment import axis_experiment, protocol_experiment
+from maglev_env.linear.between_lines import between_lines
+from maglev_env.linear.loop import loop_response
+from maglev_env.linear.poles import all_poles, pole_radii
+from maglev_env.loop.gains import Gains
+from maglev_env.rig.excitation import lines_at
+from maglev_env.rig.rig_file import load_rig
+
+FREE = load_rig("hmb_free")
+# The second body of docs/controllers.md: a mode at 657 Hz between the lines at 637 and 671 Hz.
+RESONANT = {
+    "delay": {"time": 150e-6},
+    "support_resonance": {"frequency": 600.0, "damping_ratio": 0.005, "mass_ratio": 0.2},
+}
+SHARP, ZONE_C = Gains(6500.0, 160.0, 8.7, 156e-6), Gains(4846.0, 106.4, 8.218, 803e-6)
+
+
+def found(experiments, axis=0):
+    first = axis_experiment(experiments[0], axis)
+    lines = lines_at(first.excitations, "current") * first.fundamental
+    return between_lines(experiments, all_poles(experiments), lines, axis)
+
+
+def test_a_peak_between_lines_is_that_of_a_dense_grid():
+    experiments = [protocol_experiment(FREE, g, RESONANT) for g in (SHARP, ZONE_C)]
+    f = np.linspace(600, 720, 200_001)
+    hidden = found(experiments)
+    for i, (e, expected) in enumerate(zip(experiments, (86, 4.45), strict=True)):
+        dense = np.abs(loop_response(e, f).sensitivity)
+        assert hidden["peak_sensitivity"][i] == pytest.approx(dense.max(), rel=0.01)
+        assert hidden["peak_sensitivity"][i] == pytest.approx(expected, rel=0.03)
+        assert hidden["peak_frequency"][i] == pytest.approx(f[dense.argmax()], abs=0.1)
+
+
+def test_the_gain_margin_between_lines_is_where_the_loop_becomes_unstable():
+    hidden = found([protocol_experiment(FREE, SHARP, RESONANT)])
+    factor = hidden["gain_margin"][0]
+    assert 1.0 < factor < 1.1
+
+    def radius(by):
+        gains = replace(SHARP, kp=SHARP.kp * by, ki=SHARP.ki * by, kd=SHARP.kd * by)
+        return pole_radii([protocol_experiment(FREE, gains, RESONANT)])[0]
+
+    beyond, within = 1 + 1.05 * (factor - 1), 1 + 0.95 * (factor - 1)
+    assert radius(within) < 1 < radius(beyond) or radius(1 / within) < 1 < radius(1 / beyond)
+    assert hidden["phase_margin"][0] == pytest.approx(0.75, abs=0.1)
+    assert hidden["disk_margin"][0] == pytest.approx(1 / 86, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["hmb_free", "hmb_radial", "eframe"])
+def test_lines_that_show_the_loop_hide_nothing(name):
+    rig = load_rig(name)
+    for axis in range(rig.axes):
+        assert all(np.isnan(values).all() for values in found([protocol_experiment(rig)], axis).values())
+
+
+def test_an_unstable_loop_has_no_margins_to_hide():
+    e = protocol_experiment(FREE, Gains(8000.0, 160.0, 14.0, 156e-6), RESONANT)
+    assert pole_radii([e])[0] > 1
+    assert np.isnan(found([e])["peak_sensitivity"]).all()
