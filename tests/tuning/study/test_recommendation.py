@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from maglev_env.design.goals import with_goal
 from maglev_env.task.task import make_task
 from tuning.search.rule import DissertationRule
 from tuning.study import recommendation
@@ -80,6 +81,48 @@ def test_gains_that_would_be_refused_for_the_same_reason_do_not_take_the_place_o
     assert not recommendation._would_lose({"phase_margin": 26.0, "peak_sensitivity": 2.0}, lost)
     assert recommendation._would_lose({"phase_margin": 26.0, "peak_sensitivity": 4.1}, lost)
     assert not recommendation._would_lose({}, lost)
+
+
+def readings(hidden_peak, **more):
+    """Eight repetitions, six within tolerance, of a loop that reads 2.8 and has this peak between its lines."""
+    hidden = {"peak_sensitivity": hidden_peak, "peak_frequency": 658.2, "phase_margin": 25.0, "gain_margin": 2.0}
+    between = {f"between_lines_{name}": value for name, value in (hidden | {"disk_margin": 0.4}).items()}
+    read = {"peak_sensitivity": 2.8, "phase_margin": 32.0, "gain_margin_high": 2.8, "peak_displacement": 0.0}
+    required = {"required_peak_sensitivity": 2.8, "required_peak_sensitivity_high": 2.9}
+    return Trials(np.zeros((8, 3)), np.full(8, 0.8), np.zeros((8, 0)), (read | required | between | more,) * 8,
+                  np.zeros(8, bool))  # fmt: skip
+
+
+def test_a_resonance_between_the_lines_is_refused_with_its_frequency():
+    found = verdict_of(np.zeros(3), readings(4.45), 2, EPISODE)
+    expected = "between the lines at 658 Hz: peak sensitivity up to 4.45, beyond zone B of ISO 14839-3 (4)"
+    assert found.reason == expected and found.intervals["peak_sensitivity"][1] == pytest.approx(4.45)
+    assert found.required["required_peak_sensitivity"] == pytest.approx(4.45)
+    sound = verdict_of(np.zeros(3), readings(3.4), 2, EPISODE)
+    assert sound.reason is None and sound.intervals["phase_margin"] == pytest.approx((25.0, 25.0))
+
+
+def test_what_a_goal_asks_for_must_hold_between_the_lines_too():
+    """Scored as if it met the goal, which the lines alone show."""
+    asks = replace(EPISODE, rig=with_goal(EPISODE.rig, "peak_sensitivity <= 3, best compliance near 2e-5"))
+    found = verdict_of(np.zeros(3), readings(3.4), 2, asks)
+    assert found.reason == "between the lines at 658 Hz: peak |S| 3.40, and the goal asks for at most 3"
+    assert verdict_of(np.zeros(3), readings(2.95), 2, asks).reason is None
+    missed = readings(3.4, required_peak_sensitivity=3.2)  # its score knows that the goal is missed
+    assert verdict_of(np.zeros(3), missed, 2, asks).reason is None
+
+
+def test_gains_of_zone_c_that_read_as_zone_a_are_not_recommended():
+    effects = {"delay": 150e-6, "support_resonance": {"frequency": 600.0, "damping_ratio": 0.005, "mass_ratio": 0.2}}
+    bounds = {"kp": (4e3, 9e3), "ki": (50.0, 500.0), "kd": (3.0, 12.0), "td": (2e-5, 1e-3)}
+    goal = "peak_sensitivity <= 3, compliance <= 70e-6, best noise_current near 0.01"
+    task = make_task(tuned=tuple(bounds), bounds=bounds, effects=effects, goal=goal)
+    episode = replace(task.draw(np.random.default_rng(0)), rig=task.rig)
+    points = task.box.actions(np.array([(4846.0, 106.4, 8.218, 803e-6)]))
+    trials = experiments(task, [episode], points, 1)
+    assert trials.info[0]["required_peak_sensitivity"] < 3  # the lines show nothing of it
+    found = recommend(task, episode, trials, 0, repeats=2, rigs=4)
+    assert found.chosen is None and found.refused[0].reason.startswith("between the lines at 65")
 
 
 def test_the_intervals_of_a_verdict_leave_out_one_of_forty_at_either_end():
