@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_env.evaluation.goal_score import in_words, met, misses
+from maglev_env.evaluation.goal_score import FAR, in_words, met, misses
 from maglev_env.evaluation.requirements import LOOP
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_workbench.page import COLOURS, INFEASIBLE, STAR, labelled_axis, number, styled, with_interval
@@ -14,6 +14,7 @@ from maglev_workbench.page import COLOURS, INFEASIBLE, STAR, labelled_axis, numb
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+BETWEEN = "between_lines_"  # of what the simulated loop has there, beside that
 PREFIX = "required_"  # of a quantity's name in the columns of a sweep and in the info of an experiment
 HEAD = ("requirement", "value", "limit", "")
 CUT = 3.0  # times the limit, where a bar ends
@@ -39,7 +40,7 @@ def requirement_rows(goal: Goal, row: Mapping[str, Any]) -> list[tuple[str, str,
 
 def missed_in_words(goal: Goal, row: Mapping[str, Any]) -> str:
     """The requirements that a gain set misses, or that it meets them all."""
-    lacking = [r for r in goal.requirements if misses(r, values_of(row, (r.name,))[r.name])[0] > 0]
+    lacking = [r for r in goal.requirements if _missed(r, row) > 0]
     if not lacking:
         return "meets every requirement"
     return "misses " + "; ".join(f"{in_words(r)} ({value_in_words(r, row)})" for r in lacking)
@@ -50,6 +51,8 @@ def standing(goal: Goal, row: Mapping[str, Any]) -> tuple[str, str]:
     if not goal.requirements or PREFIX + goal.requirements[0].name not in row:
         return "–", "–"
     by = [_missed(r, row) for r in goal.requirements]
+    if not row.get("feasible", True):
+        return f"0 of {len(by)}", "touchdown" if isfinite(row.get("touchdown_time", np.nan)) else "unstable"
     worst = goal.requirements[int(np.argmax(by))]
     return f"{sum(one <= 0 for one in by)} of {len(by)}", f"{worst.quantity.words} {value_in_words(worst, row)}"
 
@@ -178,7 +181,18 @@ def front_figure(
 
 
 def _missed(r: Requirement, row: Mapping[str, Any]) -> float:
-    return float(misses(r, values_of(row, (r.name,))[r.name])[0])
+    """As `misses`, also between the lines; an unstable loop misses everything, whatever its growing motion reads."""
+    if not row.get("feasible", True):
+        return float(np.log(FAR))
+    read = float(misses(r, values_of(row, (r.name,))[r.name])[0])
+    hidden = _hidden(r, row)
+    return read if hidden is None else max(read, float(misses(r, np.array([hidden]))[0]))
+
+
+def _hidden(r: Requirement, row: Mapping[str, Any]) -> float | None:
+    """What the loop has between the lines, where they do not show it."""
+    value = row.get(BETWEEN + r.name)
+    return None if value is None or not isfinite(value) else float(value)
 
 
 def _ends(r: Requirement, row: Mapping[str, Any]) -> tuple[float, float]:
@@ -200,8 +214,17 @@ def _words(r: Requirement) -> str:
 
 def value_in_words(r: Requirement, row: Mapping[str, Any], shown: tuple[float, str] | None = None) -> str:
     """A quantity of one gain set with its interval; shown: factor from SI and unit, by default those of tables."""
-    value = row.get(PREFIX + r.name)
     scale, unit = shown or r.quantity.shown
+    hidden = _hidden(r, row)
+    if hidden is None:
+        return _read_in_words(r, row, scale, unit)
+    # The interval goes as far as what is hidden, which says less than that itself.
+    read = _read_in_words(r, {PREFIX + r.name: row.get(PREFIX + r.name)}, scale, unit)
+    return f"{read}, {f'{number(hidden * scale)} {unit}'.rstrip()} between the lines"
+
+
+def _read_in_words(r: Requirement, row: Mapping[str, Any], scale: float, unit: str) -> str:
+    value = row.get(PREFIX + r.name)
     if value is None or not isfinite(value):
         if r.name not in LOOP:
             return "touchdown"

@@ -8,7 +8,14 @@ import pytest
 from command_line import maglev
 
 from maglev_env.rig.goal import parse_goal
-from maglev_workbench.goal_page import front, missed_in_words, requirement_bars, requirement_rows, requirements_json
+from maglev_workbench.goal_page import (
+    front,
+    missed_in_words,
+    requirement_bars,
+    requirement_rows,
+    requirements_json,
+    standing,
+)
 
 GOAL = parse_goal("peak_sensitivity <= 3, gain_margin >= 2, noise_current <= 0.05, best compliance near 2e-5")
 ROW = {
@@ -27,6 +34,28 @@ def test_a_set_stands_to_its_goal_in_words_bars_and_json():
     assert data["peak_sensitivity"]["met"] is False and data["compliance"]["limit"] is None
     bars = requirement_bars(GOAL, [("one", ROW)])
     assert bars.data[0].x[0] == pytest.approx(1.1) and bars.data[0].x[2] == pytest.approx(0.4)
+
+
+def test_an_unstable_loop_meets_nothing():
+    """Seen: "8 of 8" beside a score of 0; margins of a growing motion are no margins."""
+    good = ROW | {"required_peak_sensitivity": 2.9, "feasible": True}
+    assert standing(GOAL, good)[0] == "3 of 3"
+    assert standing(GOAL, good | {"feasible": False}) == ("0 of 3", "unstable")
+    assert standing(GOAL, good | {"feasible": False, "touchdown_time": 0.2}) == ("0 of 3", "touchdown")
+    data = requirements_json(GOAL, good | {"feasible": False})
+    assert not any(one["met"] for one in data.values())
+
+
+def test_a_requirement_that_is_missed_between_the_lines_is_not_met():
+    hidden = ROW | {"required_peak_sensitivity": 2.9, "required_peak_sensitivity_low": 2.8,
+                    "required_peak_sensitivity_high": 86.0, "between_lines_peak_sensitivity": 86.0,
+                    "between_lines_gain_margin": 1.03}  # fmt: skip
+    rows = requirement_rows(GOAL, hidden)
+    assert rows[0] == ("peak |S|", "2.90, 86.0 between the lines", "at most 3", "missed")
+    assert rows[1] == ("gain margin", "not within the lines, 1.03 between the lines", "at least 2", "missed")
+    assert standing(GOAL, hidden)[0] == "1 of 3"
+    assert missed_in_words(GOAL, hidden).startswith("misses peak |S| at most 3 (2.90, 86.0 between")
+    assert requirements_json(GOAL, hidden)["peak_sensitivity"]["met"] is False
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import MATCH, Goal, parse_goal
 from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, gains_in_words, over_gains, shown_gains
 from maglev_workbench.goal_page import (
+    BETWEEN,
     HEAD,
     PREFIX,
     front_figure,
@@ -42,7 +43,7 @@ def best_rows(sets: SweptSets, count: int = 10) -> list[dict[str, Any]]:
 
     Each: experiment, gains, score, terms, stiffness and damping with *_ci (95 %, an unbounded end None),
     peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms; of a goal
-    required_* with _low and _high.
+    required_* with _low and _high; and where the lines hide a sharp resonance, between_lines_*.
     """
     gains = [name for name in SHOWN if name in sets.gains]
     values = {name: sets[name] for name in (*sets.names, *gains, "experiment")}
@@ -55,6 +56,7 @@ def best_rows(sets: SweptSets, count: int = 10) -> list[dict[str, Any]]:
         row["gains"] = {name: values[name][i] for name in gains}
         row["terms"] = {name[5:]: values[name][i] for name in values if name.startswith("term_")}
         row |= {name: values[name][i] for name in values if name.startswith(PREFIX)}
+        row |= {name: v[i] for name, v in values.items() if name.startswith(BETWEEN) and np.isfinite(v[i])}
         for name in ("stiffness", "damping"):
             row[f"{name}_ci"] = (values[f"{name}_low"][i], values[f"{name}_high"][i])
         rows.append(plain(row))
