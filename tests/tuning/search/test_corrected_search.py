@@ -206,3 +206,17 @@ def test_each_axis_keeps_the_tangent_of_its_own_magnets():
         expected, got = (linearise(force_law(axis_rig(own, axis))) for own in (apart, found))
         assert got == pytest.approx(expected, rel=1e-9)
     assert linearise(force_law(axis_rig(found, 1)))[0] > 1.2 * linearise(force_law(axis_rig(found, 0)))[0]
+
+
+def test_gains_whose_resonance_lies_between_the_lines_are_not_asked_for():
+    """Seen: the search went where |S| of 86 reads 3.0, and all that it found was refused."""
+    body = {"frequency": 600.0, "damping_ratio": 0.005, "mass_ratio": 0.2}
+    rig = replace(load_rig("hmb_free"), effects={**effect("delay", 150e-6), "support_resonance": body})
+    bounds = {"kp": (4e3, 9e3), "ki": (50.0, 500.0), "kd": (3.0, 12.0), "td": (2e-5, 1e-3)}
+    sharp, zone_b = (6500.0, 160.0, 8.7, 156e-6), (4846.0, 106.4, 7.6, 803e-6)  # 86 and 3.8, where the lines read 2.9
+    zone_a, plain = "peak_sensitivity <= 3", load_rig("hmb_free")
+    for own, goal, expected in ((rig, "match", (0, 1)), (rig, zone_a, (0, 0)), (plain, zone_a, (1, 1))):
+        task = make_task(own, tuned=tuple(bounds), bounds=bounds, goal=goal)
+        model = LineModel(task, 0, task.layout.goal)
+        points = task.box.actions(np.array([sharp, zone_b]))
+        np.testing.assert_array_equal(model.sound(own, points), np.array(expected, bool))

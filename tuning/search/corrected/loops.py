@@ -7,14 +7,18 @@ import scipy
 
 from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
+from maglev_env.evaluation.goal_score import misses
+from maglev_env.evaluation.requirements import LOOP
 from maglev_env.experiment import Experiment, axis_experiment
+from maglev_env.linear.between_lines import between_lines
 from maglev_env.linear.loop import loop_response
-from maglev_env.linear.poles import pole_radii
+from maglev_env.linear.poles import all_poles
 from maglev_env.loop.gains import controller_response, of_axis, reads_current
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.goal import Goal
 from maglev_env.rig.rig import Rig, axis_rig
 from maglev_env.task.task import Task
+from tuning.study.recommendation import PEAK_SENSITIVITY
 
 FINER = 5  # points between two lines at which a peak is sought
 CREST = 3.0  # peak over rms of the displacement; what it is really, the correction finds
@@ -146,10 +150,21 @@ class LineModel:
         drop = np.divide((before - after) ** 2, 8 * bend, out=np.zeros_like(least), where=bend > 0)
         return 1 / np.sqrt(np.maximum(np.minimum(np.minimum(before, after), least - drop), 0.3 * least))
 
-    def stable(self, rig: Rig, points: np.ndarray) -> np.ndarray:
-        """Whether the linear loops of points (m, k) are stable, (m,)."""
+    def sound(self, rig: Rig, points: np.ndarray) -> np.ndarray:
+        """Whether the linear loops of points (m, k) are stable and keep between the lines what they show there, (m,).
+
+        A loop whose resonance between the lines passes a limit of the goal, or that of what may be recommended, would
+        have a score that it does not deserve, and would be refused.
+        """
         values = self.task.box.gains(points)
-        return pole_radii([Experiment(rig, self.task.box.applied(rig.gains, v), ()) for v in values]) < 1
+        experiments = [Experiment(rig, self.task.box.applied(rig.gains, v), ()) for v in values]
+        poles = all_poles(experiments)
+        hidden = between_lines(experiments, poles, self.injected, self.axis)
+        passed = hidden["peak_sensitivity"] > PEAK_SENSITIVITY
+        for one in self.goal.requirements if self.goal else ():
+            if one.name in LOOP:
+                passed |= (misses(one, hidden[one.name]) > 0) & np.isfinite(hidden[one.name])
+        return ~passed & (np.array([np.abs(own).max() for own in poles]) < 1)
 
     def _controllers(self, controller: object, of: str = "reading") -> np.ndarray:
         return controller_response(controller, self._z, self._dt, of)

@@ -193,19 +193,20 @@ class ModelCorrected:
         return centres[values.argmax()]
 
     def _leading(self, points: np.ndarray, merit: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """The best stable points that lie apart, and their merits."""
+        """The best sound points that lie apart, and their merits."""
         chosen: list[int] = []
         for i in np.argsort(-merit)[:TRIED]:
             apart = np.abs(points[chosen] - points[i]).max(axis=1) > NARROWER * width
-            if apart.all() and self._stable(points[i]):
+            if apart.all() and self._sound(points[i]):
                 chosen.append(int(i))
             if len(chosen) == CENTRES:
                 break
         chosen = chosen or [0]  # the first is a point that held
         return points[chosen], merit[chosen]
 
-    def _stable(self, point: np.ndarray) -> bool:
-        return bool(self._models[0].stable(self._parameters.rig_at(self._thetas[0]), point[None])[0])
+    def _sound(self, point: np.ndarray) -> bool:
+        rig = self._parameters.rig_at(self._thetas[0])
+        return all(bool(model.sound(rig, point[None])[0]) for model in self._models)
 
 
 def _relative_error(info: Mapping[str, Any], name: str) -> float:
