@@ -93,7 +93,11 @@ def decided(
         write_campaign(Path(folder) / "a", RIG, {}, rows)
         first = diagnose(Path(folder) / "a")
         (name,) = effects
-        if first.verdict != "ambiguous" or name not in first.cause or first.next_experiments is None:
+        if (
+            first.verdict != "ambiguous"
+            or name not in first.cause
+            or not (first.next_experiments and first.next_experiments.proposals)
+        ):
             return first.verdict, first.cause, "", ()
         proposed = first.next_experiments.proposals[0]
         e = carried_out(base, proposed.change, seed)

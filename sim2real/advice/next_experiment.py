@@ -7,7 +7,7 @@ import numpy as np
 
 from sim2real.advice.proposal import Choice, Plan, Proposal
 from sim2real.advice.recording_menu import menu
-from sim2real.advice.separation import differences, separation
+from sim2real.advice.separation import Differences, differences, separation
 from sim2real.compared.problem import Part
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.verdict import CLASS_SHARE, alternatives, with_effects
@@ -99,6 +99,12 @@ def _between(attribution: Attribution, found: Sequence[Entry]) -> Plan | None:
     looks = {n: found for n, found in looks.items() if np.isfinite(separation([found], fits)[0])}
     if not looks:
         return None
+    untold = _untold(list(looks.values()), fits)
+    # What nothing tells apart must not hide what can be told.
+    looks = {n: {pair: v for pair, v in look.items() if tuple(sorted(pair)) not in untold} for n, look in looks.items()}
+    names = tuple(_from((fits[i], fits[j])) for i, j in untold)
+    if not next(iter(looks.values())):
+        return Plan((), untold=names)
 
     def told(chosen: Sequence[int]) -> Separation:
         return separation([looks[n] for n in chosen], fits)
@@ -110,12 +116,23 @@ def _between(attribution: Attribution, found: Sequence[Entry]) -> Plan | None:
     proposals = []
     for count in range(1, len(order) + 1):
         item, (value, pair) = items[order[count - 1]], told(order[:count])
-        names = " from ".join("+".join(f.hypothesis.effects) for f in pair)
         surely = "tells" if value > SEPARATED else "does not surely tell"
-        why = f"{'it' if count == 1 else 'together with those before, it'} {surely} {names}"
+        why = f"{'it' if count == 1 else 'together with those before, it'} {surely} {_from(pair)}"
         proposals.append(Proposal(item.what, why, item.effort, value, item.change, base.record.name))
     choices = (Choice(items[n].what, items[n].effort, told([n])[0], items[n].change) for n in looks)
-    return Plan(tuple(proposals), tuple(sorted(choices, key=lambda c: -(c.expected_separation or 0.0))))
+    ordered = sorted(choices, key=lambda c: -(c.expected_separation or 0.0))
+    return Plan(tuple(proposals), tuple(ordered), names)
+
+
+def _from(pair: Sequence[Fit]) -> str:
+    return " from ".join("+".join(f.hypothesis.effects) for f in pair)
+
+
+def _untold(looks: Sequence[Differences], fits: Sequence[Fit]) -> list[tuple[int, int]]:
+    """Pairs of candidates (by number, increasing) that all recordings of the menu together would not tell apart."""
+    pairs = [pair for pair in looks[0] if pair[0] < pair[1]]
+    both = [[{p: look[p] for p in (pair, pair[::-1])} for look in looks] for pair in pairs]
+    return [pair for pair, own in zip(pairs, both, strict=True) if separation(own, fits)[0] <= SEPARATED]
 
 
 def _chosen(items: list[int], told: Told, effort: Effort) -> list[int]:

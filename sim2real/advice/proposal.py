@@ -56,10 +56,13 @@ class Plan:
         proposals: In the order in which to record them, each with what it adds; the later ones are needed only where
             those before have not decided.
         menu: All that was weighed, that which separates most first.
+        untold: Pairs of candidates, "a from b", that all of the menu together would not tell apart.
     """
 
     proposals: tuple[Proposal, ...]
     menu: tuple[Choice, ...] = ()
+    untold: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        return {"proposals": [dict(vars(p)) for p in self.proposals], "menu": [dict(vars(c)) for c in self.menu]}
+        rows = {name: [dict(vars(one)) for one in getattr(self, name)] for name in ("proposals", "menu")}
+        return {**rows, "untold": list(self.untold)}

@@ -107,6 +107,8 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
         parts.append(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}.")
     for word, text in zip(("Measure next:", "Then:", "Then:"), _next(diagnosis), strict=False):
         parts.append(marked(word, text, "bold"))
+    if untold := _untold(diagnosis):
+        parts.append(marked("Not to be told:", untold, "bold"))
     parts += [marked("  left out", str(one)) for one in diagnosis.campaign.left_out]
     return parts + [f"  note: {text}" for text in diagnosis.notes[bool(told) :]]
 
@@ -273,6 +275,13 @@ def _next(d: Diagnosis) -> list[str]:
     return [f"{p.what}{_repeated(p, d)}; {p.why}{_separating(p)}." for p in d.next_experiments.proposals]
 
 
+def _untold(d: Diagnosis) -> str:
+    """What no recording of the menu decides."""
+    if d.next_experiments is None or not d.next_experiments.untold:
+        return ""
+    return f"no recording that is known here tells {'; nor '.join(d.next_experiments.untold)}."
+
+
 def _repeated(p: Proposal, d: Diagnosis) -> str:
     """Which recording "the same" is, where there are several."""
     return f" as {p.of}" if p.of and len(d.campaign.recordings) > 1 else ""
@@ -289,7 +298,8 @@ def _next_sections(d: Diagnosis) -> "list[tuple[str, str | Figure]]":
     if plan is None:
         return []
     texts = "".join(f"<li>{html_text(text)}</li>" for text in _next(d))
-    found: list[tuple[str, str | Figure]] = [("What to measure next", f"<ol>{texts}</ol>")]
+    untold = f"<p>{html_text(capitalised(said))}</p>" if (said := _untold(d)) else ""
+    found: list[tuple[str, str | Figure]] = [("What to measure next", (f"<ol>{texts}</ol>" if texts else "") + untold)]
     if computed := [c for c in plan.menu if c.expected_separation is not None]:
         rows = []
         for c in computed:

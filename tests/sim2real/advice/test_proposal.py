@@ -114,3 +114,16 @@ def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(mo
     assert [c.change for c in plan.menu] == list(kinds) and all(
         p.expected_separation is None and p.of == "a.npz" for p in plan.proposals
     )
+
+
+def test_what_nothing_tells_apart_is_said_and_does_not_hide_what_can_be_told(asked, monkeypatch):
+    """The third effect does what the second does, in all that can be recorded."""
+    drawn = np.random.default_rng(4).standard_normal((2, 40, 2)) @ (1, 1j)
+    same = SimpleNamespace(smoothed=simulator(np.array([drawn[0], drawn[1], drawn[1]])))
+    monkeypatch.setattr(separation, "look", lambda *_: (same, np.ones(40)))
+    plan = asked(*(of(name, 0.33, i) for i, name in enumerate(NAMES, 1)))
+    assert plan.untold == ("actuator_gain from sensor_gain",)
+    (proposed,) = plan.proposals
+    assert proposed.expected_separation > own.SEPARATED and "tells mass from" in proposed.why
+    plan = asked(of("actuator_gain", 0.5, 2), of("sensor_gain", 0.5, 3))
+    assert plan.proposals == () and plan.untold == ("actuator_gain from sensor_gain",)
