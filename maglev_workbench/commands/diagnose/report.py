@@ -284,7 +284,7 @@ def _untold(d: Diagnosis) -> str:
 
 def _repeated(p: Proposal, d: Diagnosis) -> str:
     """Which recording "the same" is, where there are several."""
-    return f" as {p.of}" if p.of and len(d.campaign.recordings) > 1 else ""
+    return f" ({p.of})" if p.of and len(d.campaign.recordings) > 1 else ""
 
 
 def _separating(p: Proposal) -> str:
