@@ -60,7 +60,7 @@ _NOTES = {
     "kind": "Linear: lines that are excited. Even, odd: lines between them, where only distortion answers. "
     "Unsynchronised: tones that are no line, of the mains or of the rotation.",
     "next": "Expected separation: -2 ln of the likelihood ratio between the two remaining candidates that are most "
-    "alike. What is proposed has the most of it for its effort.",
+    "alike. Together the proposals separate all that can be told apart, for the least effort.",
     "corrected": "Written as corrected.toml beside this page: maglev sweep --rig corrected.toml, or "
     'gym.make("maglev/Rig-v0", rig="corrected.toml").',
 }
