@@ -14,7 +14,6 @@ to be another one, its own magnets are followed (`AlongMotion.under`): while a s
 current, a gain that is a fifth larger than was taken off is error enough to name an asymmetry.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,24 +104,20 @@ def ends(command: np.ndarray, lag: float | None, late: int) -> tuple[np.ndarray,
     return scipy.signal.lfilter([0.0, 1 - lag], [1.0, -lag], command, axis=-1, zi=command[..., :1])[0], command
 
 
-def along_motion(
-    e: Experiment, channels: Mapping[str, np.ndarray], source: str | None, held: bool, every: int
-) -> AlongMotion | None:
+def along_motion(e: Experiment, motion: Motion) -> AlongMotion | None:
     """Gain and stiffness along a recorded motion.
 
     Args:
         e: the nominal experiment that is simulated.
-        channels: displacement, and the command or current of `source`, -> (axes, samples).
-        source: the channel that drives the magnets; None: it is not known.
-        held: whether it is held between samples.
-        every: control samples for each of these samples.
+        motion: of the record, under the current that drives the magnets: as it was recorded, or the command that the
+            controller makes of the readings.
 
     Returns:
         None where they are those at rest.
     """
-    if source is None or not e.rig.controlled:
+    if not e.rig.controlled:
         return None
-    found, notable = _along(e, Motion(channels[source], channels["displacement"], held, every))
+    found, notable = _along(e, motion)
     return found if notable else None
 
 

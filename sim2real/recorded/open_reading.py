@@ -16,7 +16,7 @@ from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import bridged, masked_samples
 from maglev_env.rig.rig import Rig
-from sim2real.recorded.along_motion import along_motion
+from sim2real.recorded.along_motion import Motion, along_motion
 from sim2real.recorded.at_rest.static_evidence import can_rest, rests_of
 from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
@@ -136,7 +136,11 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     channels = {kind: _led_in(values[:, stretch.samples], lead) for kind, values in channels.items()}
     instants = None if instants is None else led_in(instants[stretch.samples], lead)
     driving = _as_simulated(drive, channels, instants)
-    along = along_motion(drive.experiment, channels, source, drive.held, drive.every)
+    # A command that nobody recorded follows from the readings, except for what the controller held before.
+    pulling = channels[source] if source is not None else driving.command
+    if source is None and can_rest(rig):
+        pulling = pulling + balancing(rig, pulling, channels["displacement"])
+    along = along_motion(drive.experiment, Motion(pulling, channels["displacement"], drive.held, drive.every))
     looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
     record = OpenRecord(
