@@ -15,6 +15,7 @@ HIDDEN = 1.05
 EVENLY = 60  # frequencies between two lines around a narrow pole
 # Distances from such a pole, times half its width at half power: a thousandth of the peak is lost between them.
 BESIDE = np.concatenate([[0.0], np.geomspace(0.1, 1e3, 49)])
+CLOSE = 1e-9  # of a frequency
 TOP = 0.49  # of the control rate, up to which a loop is looked at
 
 
@@ -41,7 +42,7 @@ def between_lines(
         between = _beside_narrow(own, lines, e.rig.control_rate)
         if not between.size:
             continue
-        frequency = np.union1d(lines, between)
+        frequency = _joined(between, lines)
         s = loop_response(e, frequency).sensitivity
         s = s if s.ndim == 1 else s[:, axis, axis]
         seen = margin_arrays(lines, s[np.isin(frequency, lines)])["peak_sensitivity"]
@@ -52,6 +53,14 @@ def between_lines(
         for name in NAMES:
             found[name][i] = whole[name]
     return found
+
+
+def _joined(between: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """The lines and the frequencies between them, without those that all but coincide: no curve passes through these."""
+    between = np.unique(between)
+    log = np.log(between)
+    away = np.abs(log[:, None] - np.log(lines)).min(axis=1) > CLOSE
+    return np.union1d(lines, between[away & (np.diff(log, prepend=-np.inf) > CLOSE)])
 
 
 def _beside_narrow(poles: np.ndarray, lines: np.ndarray, rate: float) -> np.ndarray:

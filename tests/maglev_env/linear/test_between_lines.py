@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maglev_env.experiment import axis_experiment, protocol_experiment
-from maglev_env.linear.between_lines import between_lines
+from maglev_env.linear.between_lines import _joined, between_lines
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import all_poles, pole_radii
 from maglev_env.loop.gains import Gains
@@ -65,3 +65,10 @@ def test_an_unstable_loop_has_no_margins_to_hide():
     e = protocol_experiment(FREE, Gains(8000.0, 160.0, 14.0, 156e-6), RESONANT)
     assert pole_radii([e])[0] > 1
     assert np.isnan(found([e])["peak_sensitivity"]).all()
+
+
+def test_frequencies_that_all_but_coincide_are_one():
+    """A pole between two lines may lie on a frequency of the even grid, up to rounding."""
+    lines = np.array([10.0, 20.0, 30.0])
+    between = np.array([15.0, np.nextafter(15.0, 16.0), np.nextafter(20.0, 21.0), 25.0])
+    assert _joined(between, lines).tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
