@@ -56,7 +56,7 @@ def between_lines(
 
 
 def _joined(between: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """The lines and the frequencies between them, without those that all but coincide: no curve passes through these."""
+    """The lines and the frequencies between them, without those that all but coincide: no curve passes these."""
     between = np.unique(between)
     log = np.log(between)
     away = np.abs(log[:, None] - np.log(lines)).min(axis=1) > CLOSE
