@@ -98,7 +98,7 @@ def test_a_sweep_and_a_study_by_a_goal(tmp_path):
     tune("--out", tmp_path / "t", "--json", tmp_path / "t.json")
     data = json.loads((tmp_path / "t.json").read_text())
     assert data["goal"].startswith("peak_sensitivity <= 3") and "phase_margin" in data["experiments"][0]["requirements"]
-    assert "another rig" in maglev(
+    assert "another goal" in maglev(
         "tune", "--budget", 2, "--protocol", "quick", "--method", "sobol", "--out", tmp_path / "t", code=2
     )
     assert "is not understood" in maglev("tune", "--goal", "phase_margin > 3", "--out", tmp_path / "u", code=2)

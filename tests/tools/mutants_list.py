@@ -359,8 +359,8 @@ MUTANTS = (
         "The intervals over noise and tolerance that a recommendation rests on hold 90 instead of 95 percent.",
         (
             (
-                "ends = (50 * (1 - LEVEL), 50 * (1 + LEVEL))",
-                "ends = (100 * (1 - LEVEL), 100 * LEVEL)",
+                "_ENDS = (50 * (1 - LEVEL), 50 * (1 + LEVEL))",
+                "_ENDS = (100 * (1 - LEVEL), 100 * LEVEL)",
             ),
         ),
         ("test_recommendation.py",),
