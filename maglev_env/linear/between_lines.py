@@ -1,6 +1,6 @@
 """What the linearised loop does between the lines of an experiment, where a sharp resonance shows on none of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
 
 NAMES = ("peak_sensitivity", "peak_frequency", "phase_margin", "gain_margin", "disk_margin")
-# Of a peak: times that which a curve through the lines has, from which on it counts as hidden between them.
+# Factor by which a peak, a phase margin or a disk margin is worse than a curve through the lines has it, from which on
+# it counts as hidden between them.
 HIDDEN = 1.05
 EVENLY = 60  # frequencies between two lines around a narrow pole
 # Distances from such a pole, times half its width at half power: a thousandth of the peak is lost between them.
@@ -45,10 +46,9 @@ def between_lines(
         frequency = _joined(between, lines)
         s = loop_response(e, frequency).sensitivity
         s = s if s.ndim == 1 else s[:, axis, axis]
-        seen = margin_arrays(lines, s[np.isin(frequency, lines)])["peak_sensitivity"]
-        if np.abs(s).max() <= HIDDEN * seen:
+        seen, whole = margin_arrays(lines, s[np.isin(frequency, lines)]), margin_arrays(frequency, s)
+        if not _hides(seen, whole):
             continue
-        whole = margin_arrays(frequency, s)
         whole["gain_margin"] = np.fmin(*gain_factors(frequency, s, whole))
         for name in NAMES:
             found[name][i] = whole[name]
@@ -61,6 +61,14 @@ def _joined(between: np.ndarray, lines: np.ndarray) -> np.ndarray:
     log = np.log(between)
     away = np.abs(log[:, None] - np.log(lines)).min(axis=1) > CLOSE
     return np.union1d(lines, between[away & (np.diff(log, prepend=-np.inf) > CLOSE)])
+
+
+def _hides(seen: Mapping[str, np.ndarray], whole: Mapping[str, np.ndarray]) -> bool:
+    """Whether a loop is worse at all frequencies than at its lines; a crossing that these do not have is worse."""
+    if whole["peak_sensitivity"] > HIDDEN * seen["peak_sensitivity"]:
+        return True
+    least = ("phase_margin", "disk_margin")
+    return any(HIDDEN * whole[name] < np.nan_to_num(seen[name], nan=np.inf) for name in least)
 
 
 def _beside_narrow(poles: np.ndarray, lines: np.ndarray, rate: float) -> np.ndarray:

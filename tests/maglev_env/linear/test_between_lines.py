@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.stability_margins import margin_arrays
 from maglev_env.experiment import axis_experiment, protocol_experiment
 from maglev_env.linear.between_lines import _joined, between_lines
 from maglev_env.linear.loop import loop_response
@@ -52,6 +53,15 @@ def test_the_gain_margin_between_lines_is_where_the_loop_becomes_unstable():
     assert radius(within) < 1 < radius(beyond) or radius(1 / within) < 1 < radius(1 / beyond)
     assert hidden["phase_margin"][0] == pytest.approx(0.75, abs=0.1)
     assert hidden["disk_margin"][0] == pytest.approx(1 / 86, rel=0.05)
+
+
+def test_a_phase_margin_may_be_hidden_where_the_peak_is_not():
+    """Seen: 30 degrees for 21, while the peak of 3.2 stood 3 % above that of a curve through the lines."""
+    e = protocol_experiment(FREE, Gains(6877.232, 221.152, 5.385055, 3.940758e-5), RESONANT)
+    f = np.union1d(np.geomspace(1, 4900, 6000), np.linspace(640, 700, 6000))
+    dense = margin_arrays(f, loop_response(e, f).sensitivity)["phase_margin"]
+    assert dense == pytest.approx(21.0, abs=0.1)
+    assert found([e])["phase_margin"][0] == pytest.approx(dense, abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["hmb_free", "hmb_radial", "eframe"])
