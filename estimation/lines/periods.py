@@ -77,8 +77,12 @@ def held(statistics: LineStatistics, channel: str, sample_rate: float) -> LineSt
         channel: The held channel.
         sample_rate: Rate of the converter, Hz.
     """
-    x = statistics.frequency / sample_rate
-    return multiplied(statistics, channel, np.sinc(x) * np.exp(-1j * np.pi * x))
+    return multiplied(statistics, channel, zero_order_hold(statistics.frequency / sample_rate))
+
+
+def zero_order_hold(x: np.ndarray) -> np.ndarray:
+    """Response of a converter that holds its samples, at frequencies in units of its rate."""
+    return np.sinc(x) * np.exp(-1j * np.pi * x)
 
 
 def multiplied(statistics: LineStatistics, channel: str, factor: np.ndarray) -> LineStatistics:

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.iso_14839 import iso_14839_3_zone
 from estimation.lines.frequency_response import POOL, frequency_response, loop_variance
+from estimation.lines.periods import zero_order_hold
 from estimation.normal import NORMAL_95
 from estimation.stability_margins import Interval, Margins, margin_arrays, margins
 from maglev_env.evaluation.bands import nominal_response
@@ -81,8 +82,7 @@ def _feedback(rig: Rig, gains: Controllers, frequency: np.ndarray, held: bool) -
         held: Whether the measured force is held over control steps; else it is a continuous one.
     """
     nominal = nominal_response(rig, gains, frequency)
-    x = frequency / rig.control_rate
-    hold = 1.0 if held else np.sinc(x) * np.exp(-1j * np.pi * x)
+    hold = 1.0 if held else zero_order_hold(frequency / rig.control_rate)
     return nominal.controller * nominal.plant * nominal.sensitivity / nominal.receptance * hold
 
 

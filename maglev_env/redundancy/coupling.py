@@ -137,11 +137,12 @@ def decoupled(view: View, found: Finding) -> View:
     if found.channel == "gains" and view.gains is not None and found.value is not None:
         gain = next(name for name in INTEGRALS if name in gain_values(view.gains))
         return replace(view, gains=with_gains(view.gains, **{gain: found.value}))
-    values = view.channels.get(found.channel.partition(" or ")[0])
+    name = found.channel.partition(" or ")[0]
+    values = view.channels.get(name)
     if values is None or found.value is None:
         return view
     values = uncoupled(values - values.mean(), view.rate, (found.value,))
-    return replace(view, channels={**view.channels, found.channel.partition(" or ")[0]: values})
+    return replace(view, channels={**view.channels, name: values})
 
 
 def slow_parts(view: View) -> list[Finding]:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from estimation.lines.line_windows import NOISE_ALONE
+from estimation.lines.periods import zero_order_hold
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.controller import at_control_rate, made_alone
@@ -75,8 +76,7 @@ def moved(view: View) -> list[Row]:
     if pushed.sum() >= TOO_FEW // 2 and "force" in lines.parts:
         force = lines.parts["force"] * pushed
         if view.hold_rate is None:  # a continuous force: the held one with these lines
-            x = lines.frequency / view.rig.control_rate
-            force = force / (np.sinc(x) * np.exp(-1j * np.pi * x))
+            force = force / zero_order_hold(lines.frequency / view.rig.control_rate)
         inputs.append(compliance * force)
         powers.append({"displacement": 1, "force": -1, "mass": 1})
         effects.append(FORCE_EFFECTS)
@@ -126,8 +126,7 @@ def _stated_over_shown(view: View, drive: str | None) -> dict[str, float]:
     y = {name: part.mean(axis=0) for name, part in lines.parts.items()}
     moved_by = np.zeros(lines.frequency.size, complex)
     if "force" in y:
-        x = lines.frequency / view.rig.control_rate
-        held = 1.0 if view.hold_rate else np.sinc(x) * np.exp(-1j * np.pi * x)
+        held = 1.0 if view.hold_rate else zero_order_hold(lines.frequency / view.rig.control_rate)
         moved_by = moved_by + compliance * y["force"] * view.place("force")[use] / held
     if drive == "current":
         moved_by = moved_by + nominal.plant / nominal.amplifier * y["current"]
@@ -234,8 +233,7 @@ def _without_rig(view: View) -> list[Row]:
         return []
     w = 2 * np.pi * lines.frequency
     if view.hold_rate:
-        x = lines.frequency / view.hold_rate
-        force = force * np.sinc(x) * np.exp(-1j * np.pi * x)
+        force = force * zero_order_hold(lines.frequency / view.hold_rate)
     size = np.sqrt(MODEL**2 + noise)
     (stiffness, damping, mass, *_), error, left = _springs(force / y, w, size)
     if left > RIGLESS or abs(mass) * w[-1] ** 2 < DOMINATES * abs(stiffness):

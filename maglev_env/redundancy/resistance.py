@@ -39,7 +39,7 @@ def ohm(campaign: Campaign, spec: RecordingSpec, channels: Mapping[str, np.ndarr
         shown = volts / amperes
         if shown > 0 and abs(np.log(shown / stated)) <= limit:
             continue
-        columns = " and ".join(repr(" + ".join(spec.channels[n].columns)) for n in (name, of))
+        columns = " and ".join(repr(spec.channels[n].expression) for n in (name, of))
         text = (
             f"{name} or {of}: a mean of {volts:.4g} V and of {amperes:.4g} A make {shown:.3g} ohm, "
             f"{shown / stated:.3g} times coil_resistance ({stated:g} ohm); check coil_resistance, and the "

@@ -35,9 +35,7 @@ def _changes(spec: RecordingSpec) -> Iterator[tuple[str, str, RecordingSpec]]:
         yield " or ".join(of), text, replace(spec, channels={**spec.channels, **turned})
     for name in [n for n in spec.channels if n.partition("_")[0] == "displacement"]:
         wanted = name.replace("displacement", "reference")
-        for names in ([name], [name, wanted] if wanted in spec.channels else []):
-            if not names:
-                continue
+        for names in ([name], [name, wanted]) if wanted in spec.channels else ([name],):
             own = {n: spec.channels[n] for n in names}
             turned = {n: replace(source, scale=-source.scale, offset=-source.offset) for n, source in own.items()}
             columns = " and ".join(repr(source.expression) for source in own.values())

@@ -125,20 +125,30 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     if doubtful:
         found = _swapped(campaign, spec, views, all(f.kind == "effect" for f in doubtful)) or found
     if any(f.code in ("controller", "mismatch") for f in found):
-        before = [row for view in views for row in comparisons(view)]
-        found = reversed_columns(spec, lambda other, names: _all_agree(campaign, other, before, names)) or found
+        before = _of_all(views)
+        found = reversed_columns(spec, lambda other, names: bool(_if_meant(campaign, other, before, names))) or found
     return [*alarms, *found]
 
 
-def _all_agree(campaign: Campaign, spec: RecordingSpec, before: Sequence[Row], names: Sequence[str]) -> bool:
-    """Whether all comparisons agree with a changed recording: no fewer than before, and one of them of these
-    channels."""
+def _of_all(views: Iterable[View]) -> list[Row]:
+    return [row for view in views for row in comparisons(view)]
+
+
+def _if_meant(
+    campaign: Campaign, changed: RecordingSpec, before: Sequence[Row], names: Sequence[str], effects: bool = False
+) -> list[Row]:
+    """The comparisons of a changed recording if all agree; none where it is not what was meant.
+
+    They must be no fewer than before, and one of them of the channels that changed. With `effects` one may be off as an
+    effect makes it.
+    """
     try:
-        views = _views(campaign, spec, recorded_signals(campaign, spec, read_recording(campaign, spec), excited=False))
+        signals = recorded_signals(campaign, changed, read_recording(campaign, changed), excited=False)
+        views = _views(campaign, changed, signals)
     except ValueError:
-        return False
-    rows = _agreeing(views, effects=False)
-    return bool(rows) and _as_many(rows, before) and _compares(rows, *names)
+        return []
+    rows = _agreeing(views, effects)
+    return rows if _as_many(rows, before) and _compares(rows, *names) else []
 
 
 def _at_ticks(spec: RecordingSpec, dataset: "xr.Dataset") -> "xr.Dataset":
@@ -231,23 +241,15 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
     `alike`: try only such columns, because an effect may explain what differs.
     """
     names = [n for n in spec.channels if n != "time"]
-    before = [row for view in views for row in comparisons(view)]
+    before = _of_all(views)
     beyond = any(row.off and not or_effect(row) for row in before)
     possible: list[tuple[int, str, str]] = []  # comparisons that still differ, and the columns
     for one, other in combinations(names, 2):
         of_axes = one.partition("_")[0] == other.partition("_")[0]
         if alike and not of_axes:
             continue
-        channels = {**spec.channels, one: spec.channels[other], other: spec.channels[one]}
-        try:
-            exchanged = replace(spec, channels=channels)
-            dataset = read_recording(campaign, exchanged)
-            signals = recorded_signals(campaign, exchanged, dataset, excited=False)
-            others = _views(campaign, exchanged, signals)
-        except ValueError:
-            continue
-        rows = _agreeing(others, of_axes and beyond)
-        if rows and _as_many(rows, before) and _compares(rows, one, other):
+        exchanged = replace(spec, channels={**spec.channels, one: spec.channels[other], other: spec.channels[one]})
+        if rows := _if_meant(campaign, exchanged, before, (one, other), of_axes and beyond):
             possible.append((sum(row.off for row in rows), one, other))
             if not possible[-1][0]:
                 break
@@ -277,7 +279,7 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
     at_rate = _views(campaign, spec, replace(signals, sample_rate=rig.control_rate))
     if any(map(_contradicted, at_rate)):
         return []
-    rows = [row for view in at_rate for row in comparisons(view)]
+    rows = _of_all(at_rate)
     if not _agree(rows) and not _timed(rows):
         return []
     text = (
