@@ -25,12 +25,15 @@ TURNING = {"runout", "unbalance"}  # alike at one speed of rotation
 Separation = tuple[float, tuple[Fit, ...]]  # the least of any two candidates, and these two
 Told = Callable[[Sequence[int]], Separation]  # of recordings of the menu together
 Effort = Callable[[Sequence[int]], float]
-OTHER_SPEED = Proposal(
-    "the same recording at another speed of rotation",
-    "a force of unbalance grows with the square of the speed, a runout reads the same",
+SLOWER = (
+    0.25  # of the speed that was recorded: a free rotor above its bearing's frequency turns about its centre of mass
+)
+SLOWLY = Proposal(
+    "the same recording at a quarter of the speed of rotation",
+    "at high speed both read the same; the force of an unbalance goes with the square of the speed, a runout stays",
     1.0,
     None,
-    {"speed": True},
+    {"speed": SLOWER},
 )
 # What the kind of a change shows of a cause that is unknown, in the order in which it is asked for.
 SHOWS = {
@@ -54,8 +57,8 @@ def propose(attribution: Attribution, found: Sequence[Entry], unknown: bool = Fa
     alike = [set(e.effects) for e in alternatives([e for e in with_effects(found) if e.probability > 0])]
     turning = set().union(*alike) >= TURNING
     if turning and all(names - TURNING == alike[0] - TURNING for names in alike):
-        return Plan((OTHER_SPEED,))  # they differ in nothing else
-    return _between(attribution, found) or (Plan((OTHER_SPEED,)) if turning else None)
+        return Plan((SLOWLY,))  # they differ in nothing else
+    return _between(attribution, found) or (Plan((SLOWLY,)) if turning else None)
 
 
 def _base(attribution: Attribution) -> Part:

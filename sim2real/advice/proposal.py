@@ -17,7 +17,7 @@ class Choice:
         change: What differs from the recording that it repeats: "amplitude" (factor), "offset" (m), "gains" (factors
             on kp and kd), "excitation" (at, lines and peak, N or A; these lines are no longer driven otherwise; or,
             beside what never repeats, frequencies in Hz in place of lines), "channels" (recorded in addition),
-            "speed" (another one).
+            "speed" (factor).
     """
 
     what: str
@@ -35,7 +35,7 @@ class Proposal:
         why: The reason.
         effort: See `Choice`.
         expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it separates least, together
-            with the proposals before it; None where it is not computed, as of another speed.
+            with the proposals before it; None where it is not computed, as of a slower rotation.
         change: See `Choice`.
         of: File of the recording that it repeats; empty where any will do.
     """

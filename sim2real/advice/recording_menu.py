@@ -6,14 +6,20 @@ from typing import Any
 
 import numpy as np
 
+from estimation.lines.line_windows import WIDTH
+from maglev_env.experiment import axis_experiment
+from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import Gains, with_gains
 from maglev_env.loop.magnets.kinds import geometric_law
+from maglev_env.loop.magnets.law import SingleSidedLaw
 from sim2real.recorded.nominal import outputs_of
-from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.open_record import TOP, OpenRecord
 from sim2real.recorded.records import Record
 
 OFFSET, GAINS = 0.1, (0.8, 1.3)  # offset as a share of the gap; factors on kp and kd
 INJECTED, LINES = 0.02, 40  # peak of a multisine in the bias current, where the rig has no protocol, and its lines
+EFFORT = {"current": 1.0, "force": 3.0}  # of an excitation there, see `Item`
+ABOVE = 0.2  # peak, in the bias current, of a multisine above the band that was driven: it hardly moves the rotor
 
 
 @dataclass(frozen=True)
@@ -48,28 +54,65 @@ def _open_menu(base: OpenRecord) -> list[Item]:
         return items
     peak = next((e.amplitude for e in rig.protocol.excitations if e.at == "current"), 0.0) if rig.protocol else 0.0
     peak = peak or INJECTED * geometric_law(rig).bias_current
+    centre = base.windows.centre
+    band = np.geomspace(centre[0], centre[-1], min(LINES, centre.size))
     if peak:
-        items.append(_beside(base, outputs, peak))
+        items.append(_with_sines(base, outputs, "current", peak, band))
+    items += _open_above(base, outputs)
+    if "current" not in base.series:
+        items.append(_with_current(base))
+    if not np.ptp(base.waves["force"], axis=1).any() and (force := _shaken(base, band)):
+        items.append(_with_sines(base, outputs, "force", force, band))
     if base.bias is None and isinstance(base.experiment.gains, Gains):  # its own controller is known
         items += _elsewhere(base, outputs)
     return items
 
 
-def _beside(base: OpenRecord, outputs: tuple[str, ...], peak: float) -> Item:
-    """A random-phase multisine at the current, over the band that is compared, beside what drove the loop."""
-    centre, samples = base.windows.centre, base.waves["current"].shape[1]
-    frequency = np.geomspace(centre[0], centre[-1], min(LINES, centre.size))
+def _with_current(base: Record | OpenRecord) -> Item:
+    beside, outputs = {"channels": ["current"]}, outputs_of(True, base.experiment)
+    return Item("the coil current beside the same channels", 2.0, base, outputs, beside)
+
+
+def _shaken(base: Record | OpenRecord, frequency: np.ndarray) -> float:
+    """Peak of a force (N) at frequencies (Hz) that moves the rotor about as far as it moved; 0 where no shaker reaches
+    it, as a ball below its coil.
+    """
+    if isinstance(geometric_law(base.nominal), SingleSidedLaw):
+        return 0.0
+    moved = base.series["displacement"]
+    peak = float(abs(moved - moved.mean(axis=1, keepdims=True)).max())
+    answer = np.array(
+        [loop_response(axis_experiment(base.experiment, a), frequency).receptance for a in range(base.axes)]
+    )
+    return peak / float(np.sqrt(np.mean(abs(answer) ** 2)))
+
+
+def _open_above(base: OpenRecord, outputs: tuple[str, ...]) -> list[Item]:
+    """The same with a multisine above the band that is compared, where all of its coordinates are."""
+    peak, windows = ABOVE * geometric_law(base.nominal).bias_current, base.windows
+    count = int((TOP * windows.samples - 1) // WIDTH)
+    if not peak or count <= windows.count or windows.turned is not None or not base.excited.all() or base.unsure:
+        return []
+    wider = replace(windows, count=count)
+    frequency = np.geomspace(windows.centre[-1], wider.centre[-1], min(LINES, count - windows.count) + 1)[1:]
+    return [_with_sines(replace(base, windows=wider), outputs, "current", peak, frequency)]
+
+
+def _with_sines(base: OpenRecord, outputs: tuple[str, ...], place: str, peak: float, frequency: np.ndarray) -> Item:
+    """The same with a random-phase multisine at a place beside what drove the loop."""
+    samples = base.waves[place].shape[1]
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, (base.axes, frequency.size, 1))
     turn = 2 * np.pi * np.outer(frequency, np.arange(samples)) / base.experiment.rig.control_rate
     wave = np.cos(turn + phase).sum(axis=1)
     wave *= peak / abs(wave).max()
-    driven = replace(base, waves={**base.waves, "current": base.waves["current"] + wave})
-    change = {"excitation": {"at": "current", "frequencies": frequency.round(3).tolist(), "peak": peak}}
+    driven = replace(base, waves={**base.waves, place: base.waves[place] + wave})
+    change = {"excitation": {"at": place, "frequencies": frequency.round(3).tolist(), "peak": peak}}
+    where = f"{peak:.3g} A peak added to the current" if place == "current" else f"{peak:.3g} N peak, a measured force"
     what = (
-        f"a multisine of {peak:.3g} A peak added to the current, {frequency.size} lines from {frequency[0]:.3g} to "
-        f"{frequency[-1]:.3g} Hz, beside the same"
+        f"a multisine of {where}, {frequency.size} lines from {frequency[0]:.3g} to {frequency[-1]:.3g} Hz, beside the "
+        "same"
     )
-    return Item(what, 1.0, driven, outputs, change)
+    return Item(what, EFFORT[place], driven, outputs, change)
 
 
 def _periodic_menu(base: Record) -> list[Item]:
@@ -79,20 +122,47 @@ def _periodic_menu(base: Record) -> list[Item]:
     items = [Item("the same at twice the amplitude", 1.0, _scaled(base, 2.0), outputs, {"amplitude": 2.0})]
     if rig.controlled:
         if not has_current:
-            beside = {"channels": ["current"]}
-            items.append(Item("the coil current beside the same channels", 2.0, base, ("plant", "amplifier"), beside))
-        items += _elsewhere(base, outputs)
-    peaks = {e.at: e.amplitude for e in rig.protocol.excitations} if rig.protocol else {}
-    for place, effort, what in (
-        ("force", 3.0, "a shaker's force beside the injection"),
-        ("current", 1.0, "an injection into the current beside the force"),
+            items.append(_with_current(base))
+        items += _above(base, outputs) + _elsewhere(base, outputs)
+    peaks = (
+        {e.at: e.amplitude for e in rig.protocol.excitations}
+        if rig.protocol
+        else {"force": _shaken(base, base.frequency)}
+    )
+    for place, what in (
+        ("force", "a shaker's force beside the injection"),
+        ("current", "an injection into the current beside the force"),
     ):
-        if place in peaks and not base.driven[place].any() and (rig.controlled or place == "force"):
+        if peaks.get(place) and not base.driven[place].any() and (rig.controlled or place == "force"):
             driven = _excited(base, place, peaks[place])
             lines = base.lines[driven.driven[place].any(axis=0)].tolist()
             added = {"excitation": {"at": place, "lines": lines, "peak": peaks[place]}}
-            items.append(Item(what, effort, driven, outputs, added))
+            items.append(Item(what, EFFORT[place], driven, outputs, added))
     return items
+
+
+def _above(base: Record, outputs: tuple[str, ...]) -> list[Item]:
+    """The same with a multisine above the lines that were driven, which tells apart what lags in another manner."""
+    peak, n = ABOVE * geometric_law(base.nominal).bias_current, base.waves["current"].shape[1]
+    e = base.experiment
+    last, highest = int(TOP * e.recorded_per_period), int(base.lines[base.excited].max(initial=0))
+    lines = np.unique(np.geomspace(highest, last, LINES + 1).round().astype(int)[1:]) if 0 < highest < last else []
+    if not peak or len(lines) < 2:
+        return []
+    all_lines = np.arange(1, last + 1)
+    driven = {at: np.pad(on, ((0, 0), (0, last - on.shape[1]))) for at, on in base.driven.items()}
+    driven["current"] = driven["current"] | np.isin(all_lines, lines)
+    spectrum = np.zeros((base.axes, n // 2 + 1), complex)
+    spectrum[:, lines] = np.exp(2j * np.pi * np.random.default_rng(0).random((base.axes, len(lines))))
+    wave = np.fft.irfft(spectrum, n, axis=1)
+    waves = {**base.waves, "current": base.waves["current"] + wave * (peak / abs(wave).max())}
+    record = replace(base, lines=all_lines, frequency=all_lines * e.fundamental, driven=driven, waves=waves)
+    what = (
+        f"a multisine of {peak:.3g} A peak added to the current, {len(lines)} lines from "
+        f"{lines[0] * e.fundamental:.3g} to {last * e.fundamental:.3g} Hz, beside the same"
+    )
+    change = {"excitation": {"at": "current", "lines": [int(n) for n in lines], "peak": peak}}
+    return [Item(what, 1.0, record, outputs, change)]
 
 
 def _elsewhere(base: Record | OpenRecord, outputs: tuple[str, ...]) -> list[Item]:

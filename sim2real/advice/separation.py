@@ -27,14 +27,26 @@ def look(item: Item, base: Part) -> tuple[Predictor, np.ndarray]:
     if isinstance(item.record, OpenRecord):
         loop = nominal_loop(item.record)
         predict = Predictor(item.record, opened_of(loop), 0, Replay(item.record, loop, item.outputs))
-        return predict, np.sqrt(2) / base.noise * base.used
+        stated = item.record.nominal.noise.current  # of the only output that the recording may not have
+        known = _on_lines(base, base.noise, item.record.lines)
+        noise = np.full((len(item.outputs), *known.shape[1:]), 2 * stated / np.sqrt(item.record.windows.samples))
+        for at, name in enumerate(base.opened.outputs):
+            noise[item.outputs.index(name)] = known[at]
+        used = _on_lines(base, base.used, item.record.lines)
+        return predict, np.where(noise > 0, np.sqrt(2) / np.where(noise > 0, noise, 1.0) * used, np.inf)
     opened = replace(opened_loop(item.record), outputs=item.outputs)
     noise = np.sqrt(stated_noise(item.record, opened) / item.record.count)
     for at, name in enumerate(opened.outputs):
         if name in base.opened.outputs:
-            noise[at] = base.noise[base.opened.outputs.index(name)]
+            noise[at] = _on_lines(base, base.noise[base.opened.outputs.index(name)], item.record.lines)
     weights = np.sqrt(2) / np.where(noise > 0, noise, 1.0)
     return predictor(item.record, opened), np.where(noise > 0, weights, np.inf)
+
+
+def _on_lines(base: Part, values: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Values (..., n) of a recording on the lines of one that reaches higher: there what the highest ones have."""
+    at = np.searchsorted(base.record.lines, lines).clip(max=base.record.lines.size - 1)
+    return values[..., at]
 
 
 # Of each ordered pair of candidates: the squared change between them, what the other's parameters have of it (size,),

@@ -12,8 +12,6 @@ from sim2real.blind.benchmark.generate import Made, disturbed
 from sim2real.blind.benchmark.simulate import Recording, simulate
 from sim2real.blind.benchmark.write import Recorded
 
-OTHER_SPEED = 0.75  # of the speed that was recorded
-
 
 def again(made: Made, of: str, change: Mapping[str, Any], number: int, seed: int) -> Recorded:
     """The recording that a change of one that was made asks for.
@@ -43,7 +41,7 @@ def again(made: Made, of: str, change: Mapping[str, Any], number: int, seed: int
         pid = {**base.controller.pid, "kp": kp * base.controller.pid["kp"], "kd": kd * base.controller.pid["kd"]}
         changed = replace(changed, controller=replace(base.controller, pid=pid))
     if "speed" in change:
-        changed = replace(changed, speed=OTHER_SPEED * base.speed)
+        changed = replace(changed, speed=change["speed"] * base.speed)
     if "excitation" in change:
         changed = _excited(changed, change["excitation"], made.truth.rig.parameters["control_rate"], rng)
     noise, drops = (int(n) for n in rng.integers(2**62, size=2))

@@ -49,7 +49,7 @@ def asked(monkeypatch):
 def test_another_speed_is_for_what_differs_in_nothing_but_what_turns():
     found = [of("delay+unbalance", 0.5, 1), of("delay+runout", 0.4, 1), of("sensor_lag+unbalance", 0.01, 2)]
     (proposed,) = own.propose(NEVER, found).proposals
-    assert proposed.change == {"speed": True}
+    assert proposed.change == {"speed": 0.25}
     assert proposed.expected_separation is None  # nothing was simulated
 
 
@@ -63,7 +63,7 @@ def test_what_turns_is_no_question_where_the_class_agrees_about_it(asked):
 def test_another_speed_is_proposed_where_no_fits_differ():
     """What turns beside calibration alone has no fit of its own."""
     found = [of("unbalance", 0.5, 0), of("runout+pickup", 0.5, 0)]
-    assert own.propose(NEVER, found) == own.Plan((own.OTHER_SPEED,))
+    assert own.propose(NEVER, found) == own.Plan((own.SLOWLY,))
 
 
 def test_candidates_that_were_only_simulated_are_told_apart_too_and_the_nearest_are_named(asked):

@@ -60,8 +60,52 @@ def test_a_recording_is_as_noisy_as_the_one_that_was_made_whatever_the_rig_state
     told = [row for item, weights in looks for row in zip(item.outputs, weights, noise, strict=False)]
     for output, own, expected in told:
         if output in part.opened.outputs:
+            own = own[..., : expected.shape[-1]]  # one above the band has more lines
             assert np.median(own * expected) == pytest.approx(np.sqrt(2), rel=0.3)
         else:
             assert np.isinf(own).all()
     silent = [item for item, weights in looks if np.isinf(weights).any()]
     assert bool(silent) == (not current) and all(differences(item, part, []) is None for item in silent)
+
+
+@pytest.mark.slow
+def test_a_measured_force_tells_a_late_reading_from_a_late_force_which_no_current_does(tmp_path):
+    """Of a first-order lag of 50 us."""
+    _, (record,) = read_records(write_campaign(tmp_path, Bench(), {"noise": "fit"}, 1.0, 0))
+    problem = assemble([record])
+    reading, force = Hypothesis(("sensor_lag",), {}), Hypothesis(("eddy_current",), {})
+    starts = [np.full(1, 5.0), np.array([-np.log(1e-4 * np.pi), 10.0])]
+    fits = begin([reading, force], starts, problem.data, problem.simulate)
+    differentiate(fits, problem.data, problem.simulate, True)
+    looks = [(i, differences(i, problem.parts[0], fits)) for i in menu(record)]
+    table = [(i, separation([own], fits)[0]) for i, own in looks if own is not None]
+    pushed = [value for i, value in table if i.change.get("excitation", {}).get("at") == "force"]
+    others = [value for i, value in table if i.change.get("excitation", {}).get("at") != "force"]
+    assert len(pushed) == 1 and pushed[0] > 100 > 10 * max(others)
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_one_excitation_lies_above_all_that_was_driven_and_is_compared_there(tmp_path, periodic):
+    if periodic:
+        _, (record, *_) = read_records(campaign(tmp_path, names=("base",)))
+    else:
+        _, (record,) = read_records(write_campaign(tmp_path, Bench(), {"chirp": "fit"}, 0.5, 0))
+    part = assemble([record]).parts[0]
+    (item,) = [i for i in menu(record) if i.record.lines.size > record.lines.size]
+    asked = item.change["excitation"]
+    at = asked.get("frequencies") or np.array(asked["lines"]) * record.experiment.fundamental
+    assert min(at) > record.frequency[record.excited].max() and max(at) < 0.41 * record.nominal.control_rate
+    weights = look(item, part)[1]
+    assert weights.shape[-1] == item.record.lines.size and (weights[..., -1] > 0).all() and np.isfinite(weights).all()
+    assert np.ptp(item.record.waves["current"] - record.waves["current"]) > 0
+
+
+def test_a_coil_current_that_was_not_recorded_is_asked_for_beside_what_never_repeats(tmp_path):
+    _, (record,) = read_records(write_campaign(tmp_path, Bench(), {"noise": "fit"}, 0.5, 0))
+    silent = replace(record, series={"displacement": record.series["displacement"]})
+    part = assemble([silent]).parts[0]
+    (item,) = [i for i in menu(silent) if "channels" in i.change]
+    assert not [i for i in menu(record) if "channels" in i.change] and part.opened.outputs == ("plant",)
+    weights = look(item, part)[1]
+    sd = 2 * record.nominal.noise.current / np.sqrt(record.windows.samples)
+    assert weights[1] == pytest.approx(np.sqrt(2) / sd, rel=1e-6)
