@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sim2real.compared.bench_noise import BenchNoise
+from sim2real.compared.bench_noise import BenchNoise, over_stated_in_words
 from sim2real.compared.open_tones import toned
 from sim2real.compared.problem import Problem
 from sim2real.judgement.belief import Judge
@@ -75,7 +75,9 @@ def attributed(
         )
     else:
         note = ""
-    return fitted, judged, attribution, [note] if note else []
+    opened = [(p.record, p.opened.outputs, p.noise) for p in fitted.parts if isinstance(p.record, OpenRecord)]
+    notes = [note, over_stated_in_words(opened) if not bench.shown else ""]
+    return fitted, judged, attribution, [n for n in notes if n]
 
 
 def _reach(attribution: Attribution) -> np.ndarray:

@@ -22,6 +22,7 @@ from sim2real.recorded.records import Record
 
 NEIGHBOURS = 15  # lines whose median is taken: a line with a tone shows more than the noise
 LOUDER = 1.5  # times the bench's noise that a recording may have: noise depends a little on place and motion
+OVER_STATED = 2.0  # times the stated noise from which what is left without any recording that repeats is said
 REACHED = 0.05  # share of a recording's coordinates that must be at the bound for its noise to count as bounded
 RINGS = 0.3  # share of a resonance's peak above which a line counts as part of the resonance
 
@@ -76,7 +77,39 @@ def _resonant(record: OpenRecord) -> np.ndarray:
     return above.reshape(-1, WIDTH).any(axis=1)
 
 
+def over_stated(record: OpenRecord, outputs: Sequence[str], noise: np.ndarray) -> float:
+    """How many times as loud the noise (outputs, axes, n) of the opened displacement is as the rig states, converters
+    included; the median. nan where the rig states no noise of the displacement.
+    """
+    rig, loop = record.nominal, nominal_loop(record)
+    if not rig.noise.displacement:
+        return np.nan
+    plant = np.repeat(np.mean(abs(loop.blocks.plant.reshape(-1, *loop.shape)) ** 2, axis=-1), KEPT, axis=-1)
+    adc, dac = (2 * rig.voltage_range / 2**bits if bits else 0.0 for bits in (rig.adc_bits, rig.dac_bits))
+    reading = rig.noise.displacement**2 + (adc / rig.probe_gain) ** 2 / 12
+    current = rig.noise.current**2 + (dac * rig.amplifier_gain) ** 2 / 12
+    at = list(outputs).index("plant")
+    of_force = np.repeat(noise_of_force(record, loop, outputs)[at], KEPT, axis=-1)
+    stated = 4 / record.windows.samples * (reading + plant * current) + of_force
+    return float(np.median(noise[at] / np.sqrt(stated)))
+
+
 NO_BOUND = BenchNoise({})
+
+
+def over_stated_in_words(parts: Sequence[tuple[OpenRecord, Sequence[str], np.ndarray]]) -> str:
+    """A note on recordings, with their outputs and noise (outputs, axes, n), of a campaign that repeats nowhere, which
+    are louder than the rig states; empty if none is.
+    """
+    each = {record.name: over_stated(record, outputs, noise) for record, outputs, noise in parts}
+    loud = {name: ratio for name, ratio in each.items() if ratio > OVER_STATED}
+    if not loud:
+        return ""
+    return (
+        f"{', '.join(loud)}: what is left is {max(loud.values()):.2g} times as loud as the noise that the rig states, "
+        "and no recording repeats, which would tell noise from what an effect leaves: record periods of a multisine, "
+        "or state the noise as it is"
+    )
 
 
 def bench_noise(records: Sequence[Record | OpenRecord]) -> BenchNoise:

@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench_loop import Bench
+from bench_loop import write_campaign as write_bench
 
+from maglev_env.rig.rig import Noise
 from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import Recorded, write_campaign
-from sim2real.compared.bench_noise import NO_BOUND, bench_noise
+from sim2real.compared.bench_noise import NO_BOUND, bench_noise, over_stated, over_stated_in_words
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
 from sim2real.recorded.open_record import OpenRecord
@@ -74,3 +77,15 @@ def test_the_noise_in_the_reading_of_a_force_is_that_of_what_it_drives(tmp_path)
     residual = (problem.data - problem.simulate([Point({}, {})])[0])[part.place]
     lowest = problem.frequency[part.place] < 1.5 * problem.frequency[part.place].min()
     assert lowest.sum() > 15 and np.mean(abs(residual[lowest]) ** 2) / 2 < 1.6
+
+
+@pytest.mark.parametrize(("times", "said"), [(1.0, False), (3.0, True)])
+def test_what_is_louder_than_stated_is_said_where_nothing_repeats(tmp_path, times, said):
+    _, records = read_records(write_bench(tmp_path, Bench(noise=times * 5e-7), {"noise": "fit"}, 1.0, 0))
+    (part,) = assemble(records).parts
+    ratio = over_stated(part.record, part.opened.outputs, part.noise)
+    assert ratio == pytest.approx(times, rel=0.15)
+    words = over_stated_in_words([(part.record, part.opened.outputs, part.noise)])
+    assert words.startswith("noise.npz: what is left is ") if said else words == ""
+    silent = replace(part.record, nominal=replace(part.record.nominal, noise=Noise()))
+    assert np.isnan(over_stated(silent, part.opened.outputs, part.noise))
