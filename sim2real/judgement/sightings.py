@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from estimation.lines.tones import Tone, tone_at
+from estimation.lines.line_windows import WIDTH
+from estimation.lines.tones import FALSE_ALARM, Tone, tone_at
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
@@ -26,6 +27,7 @@ TOGETHER = 1e-4  # probability that noise in all records shows as much at the ro
 RINGING, RINGING_WIDTHS = 0.25, 8.0
 SURE = 5.0  # standard errors by which a tone's frequency is off at most
 SHIFTED = 0.1  # bins of the resolution within which a tone lies where the drive shifts another one
+PEAK = 1.5  # times the mean power of the response over a window from which a line of it is part of a peak
 HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
 
@@ -186,6 +188,8 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
         name = origin(tone.frequency, speed, resolution * _told(record, tone)) or FOREIGN
         if not name.startswith("spin") and _rings(part, point, tone.frequency):
             continue  # noise that excites a lightly damped mode
+        if isinstance(record, OpenRecord) and _is_noise_at_peak(record, point, tone):
+            continue
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
@@ -203,6 +207,27 @@ def _rings(part: Part, point: Point, frequency: float) -> bool:
     modes = modes_of(with_own(point, part.record.nominal))
     near = ((mode["frequency"], min(RINGING, RINGING_WIDTHS * mode["damping_ratio"])) for mode in modes)
     return any(abs(np.log2(frequency / f)) < within for f, within in near)
+
+
+def _is_noise_at_peak(record: OpenRecord, point: Point, tone: Tone) -> bool:
+    """Whether a tone at a resonance of the plant may be noise: its level is that of a window of lines, which a rotor on
+    springs may answer far less than it does the lines of the peak.
+    """
+    spacing = record.windows.sample_rate / record.windows.samples
+    lines = tone.frequency + np.arange(-(WIDTH // 2), WIDTH // 2 + 1) * spacing
+    at = np.array([tone.frequency, *lines[lines > 0]])
+    e = experiment_at(record.experiment, _linear(point))
+    rise = 1.0
+    for axis in range(record.axes):
+        power = abs(loop_response(axis_experiment(e, axis), at).plant) ** 2
+        rise = max(rise, float(power[0] / power[1:].mean()))
+    chance = stats.chi2.logsf(tone.chi2 / rise, 2 * record.axes)
+    return bool(rise > PEAK and chance + np.log(record.windows.count * WIDTH) > np.log(FALSE_ALARM))
+
+
+def _linear(point: Point) -> Point:
+    """A point without the effects that have no tangent."""
+    return replace(point, effects={name: v for name, v in point.effects.items() if name not in NO_TANGENT})
 
 
 def _told(record: Record | OpenRecord, tone: Tone) -> float:
@@ -268,11 +293,10 @@ def _opened(
         reading: its amplitude (axes,) in the closed loop.
         opened: or its amplitude (axes,) with the loop opened as at the nominal rig.
     """
-    linear = {name: values for name, values in point.effects.items() if name not in NO_TANGENT}
     at, amplitude = np.array([frequency]), reading if opened is None else opened
     sizes, receptances = [], []
     for axis, size in enumerate(np.abs(amplitude)):
-        e = axis_experiment(experiment_at(record.experiment, replace(point, effects=linear)), axis)
+        e = axis_experiment(experiment_at(record.experiment, _linear(point)), axis)
         r = loop_response(e, at)
         back = abs(1 + r.plant * r.controller)[0]
         if opened is not None:  # as at the nominal rig

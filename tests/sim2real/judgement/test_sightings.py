@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
 
+from estimation.lines.line_windows import LineWindows
+from estimation.lines.tones import Tone
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.rig.rig import Rig
@@ -20,6 +22,7 @@ from sim2real.judgement.sightings import (
     Sighting,
     _bands,
     _foreign_elsewhere,
+    _is_noise_at_peak,
     _is_trend,
     _opened,
     _rings,
@@ -119,3 +122,15 @@ def test_a_mode_of_the_rig_rings_as_one_of_a_point_does(monkeypatch):
     assert [s.chi2 for s in _bands(0, on({}), NOMINAL, False)] == [50.0, 40.0]
     assert [s.chi2 for s in _bands(0, on(MODE), NOMINAL, False)] == [40.0]
     assert _bands(0, on({"friction": {"force": 0.02}}), NOMINAL, False) == []
+
+
+@pytest.mark.parametrize(("off", "chi2", "noise"), [(1.0, 60.0, True), (1.5, 60.0, False), (1.0, 2000.0, False)])
+def test_a_tone_at_a_resonance_narrower_than_a_window_must_exceed_the_noise_there(off, chi2, noise):
+    """White forces make the lines at the peak of a rotor on springs louder than those about them; where
+    one in 100,000 records may show a tone by noise, chi-square 60 is none there, and one elsewhere."""
+    rig = replace(load_rig("eframe"), support_stiffness=40e3, support_damping=4.0, mass=0.3)
+    e, windows = Experiment(rig, rig.gains, ()), LineWindows(5000, rig.control_rate / 5, 1, 20)
+    record = SimpleNamespace(experiment=e, windows=windows, axes=1)
+    f = np.arange(20.0, 80.0, 0.05)
+    peak = f[abs(loop_response(e, f).plant).argmax()]
+    assert _is_noise_at_peak(record, NOMINAL, Tone(off * peak, {}, chi2)) == noise
