@@ -16,11 +16,12 @@ from sim2real.free.kinds import CURVE, LINEAR, Freed, Kind, kinds, sizes_of
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.on_holdout import together
 from sim2real.search.candidates import ABOUT, Attribution
+from sim2real.search.exchanged import LAGS
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import RESONANCES
 
-WITH_MEMORY = frozenset({*RESONANCES, "delay", "amplifier_lag", "sensor_lag", "eddy_current", "dropped_samples"})
+WITH_MEMORY = frozenset({*RESONANCES, *LAGS, "dropped_samples"})
 TRIED, STEPS = 3, 8  # pairs and kinds of corrections that are fitted, and steps of each fit
 
 

@@ -292,13 +292,6 @@ def single_effects(rig: Rig) -> tuple[str, ...]:
     return tuple(name for name in FITTED if meaningful(name, rig.capabilities) and name not in exact)
 
 
-def resembling(effects: Collection[str]) -> list[frozenset[str]]:
-    """The same effects with one of them replaced by one that it is like, or that is like it."""
-    pairs = [(name, card.like) for name, card in EFFECTS.items() if card.like]
-    swaps = [*pairs, *((other, name) for name, other in pairs)]
-    return [frozenset({*effects} - {old} | {new}) for old, new in swaps if old in effects and new not in effects]
-
-
 def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
     """Coordinates at which a fit of one effect may start on a rig of these scales; none if it is only a form there."""
     own = coordinates_of(name, scales)

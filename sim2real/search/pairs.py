@@ -9,12 +9,12 @@ from sim2real.compared.point import TOLERANCE_EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.search.along_law import along_law
+from sim2real.search.exchanged import exchanged, resembling
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import (
     Hypothesis,
     coordinates_of,
-    resembling,
     starts,
 )
 from sim2real.search.joint import joint_pairs
@@ -38,9 +38,10 @@ def fit_pairs(
 
     A second effect is tried beside each of the best single ones, two are tried together where neither alone explains
     much, and then others beside either effect of the best pairs at its values in the pair: the single effect that best
-    replaces two need not be one of them. Then either effect of the best pairs is fitted alone from its values in the
-    pair. Where no pair of the first rounds explains more than the best single effect, that is left out. Finally, what
-    moved far beyond its tolerance beside one of the best single effects is tried as an effect itself.
+    replaces two need not be one of them; and what acts like an effect of the best pair in its place. Then either effect
+    of the best pairs is fitted alone from its values in the pair. Where no pair of the first rounds explains more than
+    the best single effect, that is left out. Finally, what moved far beyond its tolerance beside one of the best single
+    effects is tried as an effect itself.
 
     A single effect that contradicts a stated tolerance is no explanation, so pairs are neither built on it nor compared
     with it.
@@ -70,6 +71,7 @@ def fit_pairs(
         return found + _freed(problem, singles, {frozenset(f.hypothesis.effects) for f in found}), list(singles)
     steady = [f for f in found if DRIFTING not in f.hypothesis.effects]
     found += _round(problem, singles, _halves(problem, steady), {frozenset(f.hypothesis.effects) for f in found})
+    found += _like_the_best(problem, singles, found)
     again = _halves(problem, [f for f in found if DRIFTING not in f.hypothesis.effects])
     iterate(again, problem.data, problem.simulate, ITERATIONS)
     best = {f.hypothesis.effects: f for f in sorted([*again, *singles], key=lambda f: -f.cost - f.occam)}
@@ -121,6 +123,15 @@ def _another_law(problem: Problem, h: Hypothesis, singles: Sequence[Fit]) -> lis
     return [fit]
 
 
+def _like_the_best(problem: Problem, singles: Sequence[Fit], found: Sequence[Fit]) -> list[Fit]:
+    """Fits of pairs with an effect of the best one replaced by one that acts alike."""
+    best = min(found, key=lambda f: f.cost)
+    wanted = {*exchanged(best.hypothesis.effects)} - {frozenset(f.hypothesis.effects) for f in found}
+    if not wanted:
+        return []
+    return _round(problem, singles, _halves(problem, [best]), (), wanted)
+
+
 def _beside_which(h: Hypothesis, alone: Mapping[str, float]) -> float:
     """Least cost of the single effects of a pair; that of the one that is seen, where one is."""
     return min(alone[name] for name in ([name for name in h.effects if name in h.seen] or h.effects))
@@ -161,9 +172,14 @@ def _halves(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
 
 
 def _round(
-    problem: Problem, singles: Sequence[Fit], seeds: Sequence[Fit], known: Collection[frozenset[str]]
+    problem: Problem,
+    singles: Sequence[Fit],
+    seeds: Sequence[Fit],
+    known: Collection[frozenset[str]],
+    only: Collection[frozenset[str]] | None = None,
 ) -> list[Fit]:
-    """Fit the most promising new pairs, found by a linear prediction: any effect beside the effect of a seed."""
+    """Fit the most promising new pairs, found by a linear prediction: any effect beside the effect of a seed, or those
+    of `only`."""
     differentiate(seeds, problem.data, problem.simulate, True)
     jobs = []
     for seed in seeds:
@@ -171,7 +187,7 @@ def _round(
         n = len(seed.hypothesis.coordinates)
         for other in singles:
             name = other.hypothesis.effects[0]
-            if name == first or {first, name} in known:
+            if name == first or {first, name} in known or (only is not None and {first, name} not in only):
                 continue
             h = seed.hypothesis.instead(first, name)
             if not other.hypothesis.coordinates:  # on this rig it has a form alone, which only a fit of it knows
@@ -185,7 +201,7 @@ def _round(
     for start in ranked:
         pair = frozenset(start.hypothesis.effects)
         # In the mean a drift is another gain: its pairs have places of their own.
-        most = DRIFTS if DRIFTING in pair else PAIRS
+        most = len(only) if only is not None else DRIFTS if DRIFTING in pair else PAIRS
         if sum((DRIFTING in other) == (DRIFTING in pair) for other in chosen) < most:
             chosen.setdefault(pair, start)
     alike = {other for pair in list(chosen)[:SWAPPED] for other in resembling(pair)}
