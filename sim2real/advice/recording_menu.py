@@ -124,11 +124,10 @@ def _periodic_menu(base: Record) -> list[Item]:
         if not has_current:
             items.append(_with_current(base))
         items += _above(base, outputs) + _elsewhere(base, outputs)
-    peaks = (
-        {e.at: e.amplitude for e in rig.protocol.excitations}
-        if rig.protocol
-        else {"force": _shaken(base, base.frequency)}
-    )
+    if rig.protocol:
+        peaks = {e.at: e.amplitude for e in rig.protocol.excitations}
+    else:
+        peaks = {"force": _shaken(base, base.frequency)} if rig.controlled else {}
     for place, what in (
         ("force", "a shaker's force beside the injection"),
         ("current", "an injection into the current beside the force"),
