@@ -14,7 +14,7 @@ from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_ef
 from maglev_env.loop.gains import NO_CONTROLLER, Controller, Controllers, of_axis, reads_current
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved
 from maglev_env.rig.rig import Rig, axis_rig
-from maglev_env.rig.self_sensor import rig_sensors
+from maglev_env.rig.self_sensor import check_in_loop, rig_sensors
 from selfsense.sensor import SelfSensor
 
 
@@ -120,11 +120,7 @@ class Experiment:
             if name in self.effects:
                 raise ValueError(f"effect {name} is the probe's: it has no meaning with self-sensing; leave it out")
         for sensor in self_sensors(self):
-            if sensor.supply.states != 2:
-                raise ValueError(
-                    "self-sensing in a levitation loop needs a supply of two states: with three the coil hardly "
-                    "ripples near its resting current"
-                )
+            check_in_loop(sensor)
 
     @cached_property
     def by_axis(self) -> tuple["Experiment", ...]:

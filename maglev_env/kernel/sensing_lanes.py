@@ -14,8 +14,11 @@ from selfsense.kernel_pieces import SensorStructure
 from selfsense.sensor import SelfSensor, samples_and_periods, sensor_rows, structure_of, whole_ratio
 
 
+NO_SENSORS = 0, 1, 1, 1
+
+
 def timing_of(experiment: Experiment, substeps: int = 1) -> tuple[int, int, int, int]:
-    """Ratios of the self-sensors' clocks, (4,); (0, 1, 1, 1) without self-sensors.
+    """Ratios of the self-sensors' clocks, (4,); NO_SENSORS without self-sensors.
 
     timing[0] current samples last as long as timing[1] substeps, and timing[2] of them as long as timing[3] PWM
     periods.
@@ -24,18 +27,27 @@ def timing_of(experiment: Experiment, substeps: int = 1) -> tuple[int, int, int,
         ValueError: The rates are not in a ratio of small whole numbers.
     """
     if experiment.sensor == "probe":
-        return 0, 1, 1, 1
-    first, *others = ((s.acquisition.rate, samples_and_periods(s)) for s in self_sensors(experiment))
-    if any(other != first for other in others):
+        return NO_SENSORS
+    sensors = self_sensors(experiment)
+    if len({(s.acquisition.rate, samples_and_periods(s)) for s in sensors}) > 1:
         raise ValueError("self-sensing: both axes need the same sample rate and PWM frequency")
-    rate, cycle = first
-    per_substep = whole_ratio(rate, experiment.rig.control_rate * substeps)
+    return sensor_timing(sensors[0], experiment.rig.control_rate, substeps)
+
+
+def sensor_timing(sensor: SelfSensor, control_rate: float, substeps: int) -> tuple[int, int, int, int]:
+    """The ratios of `timing_of` of one self-sensor, with a number of substeps per control sample; control_rate: Hz.
+
+    Raises:
+        ValueError: The rates are not in a ratio of small whole numbers.
+    """
+    rate = sensor.acquisition.rate
+    per_substep = whole_ratio(rate, control_rate * substeps)
     if per_substep is None:
         raise ValueError(
-            f"self-sensing: its sample rate {rate:g} Hz and the control rate {experiment.rig.control_rate:g} Hz are in "
-            "no ratio of whole numbers below 1,000; change one of them"
+            f"self-sensing: its sample rate {rate:g} Hz and the control rate {control_rate:g} Hz are in no ratio of "
+            "whole numbers below 1,000; change one of them"
         )
-    return *per_substep, *cycle
+    return *per_substep, *samples_and_periods(sensor)
 
 
 def sensed_structure(sensors: Sequence[SelfSensor]) -> SensorStructure | None:

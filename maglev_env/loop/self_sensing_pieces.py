@@ -9,13 +9,12 @@ from maglev_env.loop.magnets.rows import GAP, OFFSET
 from maglev_env.loop.mechanics import V, Y
 from maglev_env.loop.sensor import Z1
 from maglev_lanes.pieces import piece
+from selfsense import kernel_loop
 from selfsense import kernel_rows as rows
 
 SELF = free.END  # where the self-sensor's rows begin
 END = SELF + rows.END
-BEGUN_Y, BEGUN_V, BEGUN_CURRENT = SELF + rows.BEGUN_Y, SELF + rows.BEGUN_V, SELF + rows.BEGUN_CURRENT
-REST_CURRENT, REST_GAP, COIL_GAP = SELF + rows.REST_CURRENT, SELF + rows.REST_GAP, SELF + rows.GAP
-SCALE, SHIFT, ESTIMATE = SELF + rows.SCALE, SELF + rows.SHIFT, SELF + rows.ESTIMATE
+REST_CURRENT, COIL_GAP, SHIFT = SELF + rows.REST_CURRENT, SELF + rows.GAP, SELF + rows.SHIFT
 OFF_SUM, OFF_SQ, OFF_PEAK = SELF + rows.OFF_SUM, SELF + rows.OFF_SQ, SELF + rows.OFF_PEAK
 
 
@@ -45,31 +44,29 @@ def step_begun(current: Callable) -> Callable:
 
     @piece
     def begin(x, k):
-        x[k + BEGUN_Y], x[k + BEGUN_V], x[k + BEGUN_CURRENT] = x[k + Y], x[k + V], current(x, k)
-        return 0.0
+        return kernel_loop.begin_step(x, k + SELF, x[k + Y], x[k + V], current(x, k))
 
     return begin
 
 
-@piece
-def gap(x, k, here):
-    """The coil's gap (m) at a fraction of the last step, by the cubic through the motion at both its ends."""
-    rest = 1.0 - here
-    ends = x[k + BEGUN_Y] * (rest * rest * (1.0 + 2.0 * here)) + x[k + Y] * (here * here * (3.0 - 2.0 * here))
-    bend = x[k + BEGUN_V] * rest - x[k + V] * here
-    return x[k + GAP] - (ends + x[k + OFFSET]) - bend * (here * rest)
-
-
-def wanted_current(current: Callable) -> Callable:
-    """A piece that gives the wanted mean coil current (A) at a time `ahead`, in steps from the start of the step.
-
-    The change of the current within the step is extrapolated linearly.
-    """
+def gap_of(axis: int) -> Callable:
+    """A piece that gives the gap (m) of the p-th axis' coil at a fraction of the last step; axis: size of an axis."""
 
     @piece
-    def target(x, k, ahead):
-        begun = x[k + BEGUN_CURRENT]
-        return x[k + REST_CURRENT] + begun + (current(x, k) - begun) * ahead
+    def gap(x, i, p, here):
+        k = i + p * axis
+        return kernel_loop.moved_gap(x, k + SELF, x[k + GAP], x[k + OFFSET], x[k + Y], x[k + V], here)
+
+    return gap
+
+
+def target_of(current: Callable, axis: int) -> Callable:
+    """A piece that gives the wanted mean current (A) of the p-th axis' coil at a time `ahead`, in steps."""
+
+    @piece
+    def target(x, i, p, ahead):
+        k = i + p * axis
+        return kernel_loop.wanted_current(x, k + SELF, current(x, k), ahead)
 
     return target
 
@@ -77,13 +74,12 @@ def wanted_current(current: Callable) -> Callable:
 @piece
 def show(x, k):
     """Store the displacement that corresponds to the estimated gap in the row of the probe's state."""
-    x[k + Z1] = x[k + SCALE] * (x[k + REST_GAP] - x[k + ESTIMATE]) + x[k + SHIFT]
+    x[k + Z1] = kernel_loop.displacement(x, k + SELF)
     return 0.0
 
 
 @piece
 def note_error(x, k, off):
     """Accumulate sum, sum of squares and peak of the reading's error (m)."""
-    x[k + OFF_SUM] += off
-    x[k + OFF_SQ] += off * off
-    x[k + OFF_PEAK] = max(x[k + OFF_PEAK], abs(off))
+    kernel_loop.note_error(x, k + SELF, off)
+    return 0.0

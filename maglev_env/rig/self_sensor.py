@@ -62,6 +62,15 @@ def self_sensor(rig: Rig, nominal: Rig | None = None) -> SelfSensor:
     return SelfSensor(coil_of(rig), supply, acquisition, estimator, believed.gap)
 
 
+def check_in_loop(sensor: SelfSensor) -> None:
+    """Raise ValueError unless a self-sensor can close a levitation loop."""
+    if sensor.supply.states != 2:
+        raise ValueError(
+            "self-sensing in a levitation loop needs a supply of two states: with three the coil hardly ripples near "
+            "its resting current"
+        )
+
+
 def _estimator(coil: Coil, rig: Rig) -> Estimator:
     s = rig.self_sensing
     span = (LEAST_GAP * rig.gap, LARGEST_GAP * rig.gap)
