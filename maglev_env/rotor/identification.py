@@ -19,7 +19,7 @@ from estimation.multisine.sphs import sphs, synthesise
 from estimation.stability_margins import peak_sensitivity
 from maglev_env.loop.gains import controller_response
 from maglev_env.rotor.lanes import Run
-from maglev_env.rotor.linear import control_matrices, held_current, mechanics, rejection_response
+from maglev_env.rotor.linear import control_matrices, held_current, mechanics, reading_response, rejection_response
 from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.run_up import waiting
 from maglev_env.rotor.simulate import Spun, alike, reduced, shared_rate
@@ -55,15 +55,14 @@ def forward(rows: np.ndarray) -> np.ndarray:
 
 
 def motion(rotor: Rotor, seen: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Motion of the centre of mass and tilt (..., 2, lines), m and rad, with the probes' lag removed.
+    """Motion of the centre of mass and tilt (..., 2, lines), m and rad, with the lag of probe or estimator removed.
 
     Args:
         rotor: The rotor.
-        seen: Forward amplitudes of the probes at a and b, (..., 2, lines).
+        seen: Forward amplitudes of the readings at a and b, (..., 2, lines).
         frequency: (lines,), Hz.
     """
-    lag = 1 + 2j * np.pi * frequency * rotor.axis.sensor_time_constant
-    return np.linalg.inv(mechanics(rotor).probes[::2, :2]) @ (seen * lag)
+    return np.linalg.inv(mechanics(rotor).probes[::2, :2]) @ (seen / reading_response(rotor, frequency))
 
 
 @dataclass(frozen=True)
@@ -200,9 +199,9 @@ def _identified(runs: Sequence[Run], protocol: Protocol, threads: int | None) ->
 
 
 def _spectra(spun: Spun, n: int) -> np.ndarray:
-    """Complex amplitudes of the probes in each period, (runs, periods, 4, n // 2 + 1); nan after a touchdown."""
-    probes = spun.channels[:, :4]
-    found = scipy.fft.rfft(probes.reshape(*probes.shape[:2], -1, n), axis=-1) * (2 / n)
+    """Complex amplitudes of the readings in each period, (runs, periods, 4, n // 2 + 1); nan after a touchdown."""
+    read = spun.readings
+    found = scipy.fft.rfft(read.reshape(*read.shape[:2], -1, n), axis=-1) * (2 / n)
     found[np.isfinite(spun.first_contact).any(axis=1)] = np.nan
     return found.transpose(0, 2, 1, 3)
 

@@ -5,6 +5,7 @@ branches, so that loops over lanes become full-width vector instructions.
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cache
 
 import numpy as np
@@ -13,39 +14,45 @@ from maglev_env.loop.controller import pid_step
 from maglev_env.rotor.pieces import advance, follow_turn
 from maglev_env.rotor.rows import (
     CHANNELS, COMMAND, COS, COUNT_MAX, COUNTS, CURRENT, D, DECAY_D, DECAY_I, INTO, KD, KI, KP, NOISE, OUT,
-    ONCE, PER_COUNT, PER_U, PROBE, Q, SIN, U_COUNT, U_MAX, XI,
+    ONCE, PER_COUNT, PER_U, PROBE, Q, SENSED, SIN, U_COUNT, U_MAX, XI,
 )  # fmt: skip
+from maglev_env.rotor.sensing import begin, follow_piece, read_coils
 from maglev_lanes.compiled import compiled
 from maglev_lanes.converter import quantised
 from maglev_lanes.layout import LANES
 from maglev_lanes.noise import drawn
+from selfsense.kernel_pieces import SensorStructure
 
 W = LANES
 TILE = 8  # number of samples that are collected before they are written lane by lane
 
 
 @cache
-def kernel(substeps: int = 1, rejecting: bool = False) -> Callable[..., None]:
-    """The compiled stepper with a number of integration steps per control sample, and with force rejection or without.
+def kernel(substeps: int = 1, rejecting: bool = False, sensed: SensorStructure | None = None) -> Callable[..., None]:
+    """The compiled stepper with a number of integration steps per control sample, with force rejection or without, and
+    on the probes or on self-sensors.
 
-    Called as step(block, seeds, first_sample, h, force, injection, tile, out), all arrays flat. It advances the block
-    over the samples of the waveforms.
+    Called as step(block, seeds, first_sample, h, timing, force, injection, tile, out), all arrays flat. It advances the
+    block over the samples of the waveforms.
 
     Args of the stepper:
         h: integration step, s.
+        timing: (4,), of the self-sensors, as `maglev_env.kernel.sensing_lanes.timing_of` has it.
         force: (5, n), generalised forces, N and N m, held between samples.
         injection: (4, n), added to the commands, A, held between samples.
-        tile: scratch, (TILE channels LANES).
+        tile: scratch, (TILE channels LANES); channels: CHANNELS, on self-sensors also SENSED.
         out: filled, (channels, LANES, n).
     """
-    return _make(substeps, rejecting)
+    return _make(substeps, rejecting, sensed)
 
 
-def _make(substeps, rejecting):
-    sources, channels = 0, len(CHANNELS)  # sources: see `compiled`
-    width = channels * W
+def _make(substeps, rejecting, sensed):
+    sensing = sensed is not None
+    sources, channels = 0, len(CHANNELS) + (len(SENSED) if sensing else 0)  # sources: see `compiled`
+    width, own, read = channels * W, len(CHANNELS) * W, (len(CHANNELS) if sensing else 0)
+    follow = follow_piece(sensed or SensorStructure(*[False] * len(fields(SensorStructure))))
 
-    def step(x, seeds, first_sample, h, force, injection, tile, out):
+    def step(x, seeds, first_sample, h, timing, force, injection, tile, out):
         if sources == 0:
             return
         samples = injection.size // 4
@@ -62,9 +69,11 @@ def _make(substeps, rejecting):
                     tile[o + (4 + q) * W + i] = x[i + CURRENT + q * W]
             for i in range(W):
                 tile[o + 8 * W + i] = x[i + Q + 4 * W]
+            if sensing:
+                read_coils(x, tile, o + own)
             for d in range(2):
                 for i in range(W):
-                    a, b = tile[o + d * W + i], tile[o + (2 + d) * W + i]
+                    a, b = tile[o + (read + d) * W + i], tile[o + (read + 2 + d) * W + i]
                     e = -(x[i + INTO] * a + x[i + INTO + W] * b)
                     e_2 = -(x[i + INTO + 2 * W] * a + x[i + INTO + 3 * W] * b)
                     c, c_2 = d * W + i, (2 + d) * W + i
@@ -90,8 +99,12 @@ def _make(substeps, rejecting):
             fty, fz = force[3 * samples + t], force[4 * samples + t]
             for s in range(substeps):
                 at = np.float64((first_sample + t) * substeps + s)
+                if sensing:
+                    begin(x)
                 for i in range(W):
                     advance(x, i, h, at, fx, ftx, fy, fty, fz)
+                if sensing:
+                    follow(x, seeds, np.int64(first_sample + t) * substeps + s, timing)
             if t % TILE == TILE - 1:
                 for c in range(width):
                     for j in range(TILE):

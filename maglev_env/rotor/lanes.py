@@ -14,6 +14,8 @@ from maglev_env.rotor import rows as r
 from maglev_env.rotor.linear import LEAST_LAG, at_planes, control_matrices, controllers, rejection_gain
 from maglev_env.rotor.rotor import Rotor
 from maglev_lanes.layout import LANES, LaneRows
+from selfsense.kernel_rows import GAP, REST_CURRENT
+from selfsense.sensor import sensor_rows as sensor_rows_of
 
 REACH = 0.98  # of the gap: nearer to a pole its field is no law's any more
 MOST_TURN, MOST_DECAY = 0.6, 1.5  # rad and time constants that a step may hold of what swings and of what decays
@@ -63,11 +65,14 @@ def _pushed(rotor: Rotor) -> float:
 
 
 def block(runs: Sequence[Run], substeps: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (ROWS, LANES) at the start, rotors at rest in the centre, and noise seeds (4, LANES); the last of at most
-    LANES runs fills the rest."""
+    """Rows (ROWS, LANES) at the start, rotors at rest in the centre, and noise seeds (8, LANES) of probes and coils.
+
+    On self-sensing, which all or none of the runs are on, there are SENSING_ROWS. The last of at most LANES runs fills
+    the rest.
+    """
     chains = {id(axis): _chains(axis, substeps) for axis in (run.rotor.axis for run in runs)}
     columns = [_column(run, substeps, *chains[id(run.rotor.axis)]) for run in runs]
-    seeds = [np.random.SeedSequence(run.seed).generate_state(4, np.uint64) for run in runs]
+    seeds = [np.random.SeedSequence(run.seed).generate_state(8, np.uint64) for run in runs]
     pad = np.minimum(np.arange(LANES), len(runs) - 1)
     return np.ascontiguousarray(np.array(columns).T[:, pad]), np.ascontiguousarray(np.array(seeds).T[:, pad])
 
@@ -82,7 +87,8 @@ def _chains(axis: Rig, substeps: int) -> tuple[np.ndarray, np.ndarray]:
 def _column(run: Run, substeps: int, chain: np.ndarray, decays: np.ndarray) -> np.ndarray:
     rotor, axis = run.rotor, run.rotor.axis
     law, h, dt = force_law(axis), 1 / (axis.control_rate * substeps), 1 / axis.control_rate
-    x = LaneRows(np.zeros((r.ROWS, 1)))
+    sensor = rotor.self_sensor
+    x = LaneRows(np.zeros((r.ROWS if sensor is None else r.SENSING_ROWS, 1)))
     x[r.COS], x[r.FIRST] = 1.0, np.full((3, 1), np.inf)
     turn = run.speed * h
     x[r.HALF_COS], x[r.HALF_SIN], x[r.TURN_COS], x[r.TURN_SIN] = (
@@ -131,6 +137,12 @@ def _column(run: Run, substeps: int, chain: np.ndarray, decays: np.ndarray) -> n
     gain = rejection_gain(rotor, run.speed)
     if gain is not None:
         x[r.REJECT] = np.stack([(turned * gain).real, (turned * gain).imag], axis=-1).reshape(8, 1)
+    if sensor is not None:
+        x[r.STEP], x[r.COIL_GAP] = h, law.gap
+        for coil in range(4):
+            first = r.SELF + coil * r.STRIDE
+            x[first] = sensor_rows_of([sensor])
+            x[first + GAP], x[first + REST_CURRENT] = law.gap, law.bias_current
     return x.values[:, 0]
 
 

@@ -4,7 +4,7 @@ In isotropic bearings x + i y is one complex coordinate (Genta 2005; Schweitzer 
 half of the states, with complex coefficients, and its response at a negative frequency is that to a backward rotation.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -13,6 +13,7 @@ from maglev_env.loop.gains import Gains, controller_response, state_space
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rotor.rotor import CONTROLS, Rotor
+from selfsense.baseband import baseband, growth_rate
 
 # Coordinates q = (x, tilt of x, y, tilt of y); planes and directions in the order (a, x), (a, y), (b, x), (b, y).
 MOTIONS = ("x", "tilt_x", "y", "tilt_y")
@@ -30,7 +31,7 @@ class Mechanics:
         gyroscopic: G, (4, 4), per rad/s.
         stiffness: K, (4, 4), with the magnets' negative stiffness and the fluid.
         drive: B, (4, 4), N or N m per ampere of each plane's coils.
-        probes: From q to the readings, (4, 4).
+        probes: From q to the displacements that the controllers read, (4, 4).
     """
 
     mass: np.ndarray
@@ -60,7 +61,7 @@ def mechanics(rotor: Rotor) -> Mechanics:
         turn,
         (stiffness / 2 + rotor.fluid.stiffness) * at.T @ at,
         gain / 2 * at.T,
-        at_planes(*rotor.planes.probes),
+        at_planes(*rotor.read_planes),
     )
 
 
@@ -86,7 +87,7 @@ def control_matrices(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
     are. About the middle between equal arms that is the mean of both planes and equal currents.
     """
     if tuple(rotor.gains) == CONTROLS[0]:
-        (a, b), (c, d) = rotor.planes.probes, rotor.planes.magnets
+        (a, b), (c, d) = rotor.read_planes, rotor.planes.magnets
         into = np.array([[b / (b - a), -a / (b - a)], [-0.5, 0.5]])
         out = np.array([[2 * d / (d - c), -1.0], [-2 * c / (d - c), 1.0]])
     else:
@@ -105,42 +106,65 @@ def held_current(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
     return (1 - np.exp(-s * dt)) / (s * dt) / (1 + s * rotor.axis.amplifier_time_constant)
 
 
-def continuous(rotor: Rotor, speed: float) -> np.ndarray:
-    """Complex rate matrix (8, 12) of q, q' (translation and tilt), and the states of probes and amplifiers (a and b).
+def reading(rotor: Rotor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (n, n), B (n,), C (n,) in continuous time from a displacement (m) to its reading (m).
 
-    Its columns are these states, the held commands (2) and the generalised forces (2) at the centre of mass.
+    A probe has one state. A self-sensor is that of the one-axis loop, whose model holds up to about 4 kHz; see
+    `selfsense.baseband`.
+    """
+    if rotor.self_sensor is not None:
+        return baseband(rotor.self_sensor)
+    rate = 1 / max(rotor.axis.sensor_time_constant, LEAST_LAG)
+    return np.array([[-rate]]), np.array([rate]), np.ones(1)
+
+
+def reading_response(rotor: Rotor, frequency: np.ndarray) -> np.ndarray:
+    """Response (n,) of a reading to its displacement at frequency (n,) Hz."""
+    a, b, c = reading(rotor)
+    s = 2j * np.pi * np.asarray(frequency)
+    return np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b[:, None])[..., 0] @ c
+
+
+def continuous(rotor: Rotor, speed: float) -> np.ndarray:
+    """Complex rate matrix (s, s + 4) of q, q' (translation and tilt), and states of sensors and amplifiers (a and b).
+
+    Its columns are these states (8 on probes), the held commands (2) and the generalised forces (2) at the centre of
+    mass.
     """
     m, axis = mechanics(rotor), rotor.axis
     inverse = np.linalg.inv(m.mass[:2, :2])
-    zero, one = np.zeros((2, 2)), np.eye(2)
-    probe = 1 / max(axis.sensor_time_constant, LEAST_LAG)
+    own, driven, _ = reading(rotor)
+    zero, one, wide = np.zeros((2, 2)), np.eye(2), np.zeros((2, 2 * len(own)))
     amplifier = 1 / max(axis.amplifier_time_constant, LEAST_LAG)
     damping = -inverse @ (m.damping[:2, :2] - 1j * speed * m.gyroscopic[:2, 2:])
     return np.block(
         [
-            [zero, one, zero, zero, zero, zero],
-            [-inverse @ m.stiffness[:2, :2], damping, zero, inverse @ m.drive[:2, ::2], zero, inverse],
-            [probe * m.probes[::2, :2], zero, -probe * one, zero, zero, zero],
-            [zero, zero, zero, -amplifier * one, amplifier * one, zero],
+            [zero, one, wide, zero, zero, zero],
+            [-inverse @ m.stiffness[:2, :2], damping, wide, inverse @ m.drive[:2, ::2], zero, inverse],
+            [np.kron(m.probes[::2, :2], driven[:, None]), wide.T, np.kron(one, own), wide.T, wide.T, wide.T],
+            [zero, zero, wide, -amplifier * one, amplifier * one, zero],
         ]
     )
 
 
 def sampled(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A (8, 8), B (8, 4) and C (2, 8) over one control sample at speed (rad/s), complex.
+    """A (s, s), B (s, 4) and C (2, s) over one control sample at speed (rad/s), complex; s: 8 on probes.
 
     The inputs are the held commands at a and b and held forces on translation and tilt; the outputs are the readings.
     """
     rates = continuous(rotor, speed)
-    whole = scipy.linalg.expm(np.vstack([rates, np.zeros((4, 12))]) / rotor.axis.control_rate)
-    return whole[:8, :8], whole[:8, 8:], np.eye(8)[4:6]
+    n = len(rates)
+    whole = scipy.linalg.expm(np.vstack([rates, np.zeros((4, n + 4))]) / rotor.axis.control_rate)
+    seen = np.zeros((2, n))
+    seen[:, 4:-2] = np.kron(np.eye(2), reading(rotor)[2])
+    return whole[:n, :n], whole[:n, n:], seen
 
 
 def plant_response(rotor: Rotor, frequency: np.ndarray, speed: float) -> np.ndarray:
     """Response (n, 2, 2) of the readings to the commands at a and b, at frequency (n,) Hz of either sign."""
     a, b, c = sampled(rotor, speed)
     z = np.exp(2j * np.pi * np.asarray(frequency) / rotor.axis.control_rate)
-    return c @ np.linalg.solve(z[:, None, None] * np.eye(8) - a, b[:, :2])
+    return c @ np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, b[:, :2])
 
 
 def rejection_gain(rotor: Rotor, speed: float) -> np.ndarray | None:
@@ -152,7 +176,8 @@ def rejection_gain(rotor: Rotor, speed: float) -> np.ndarray | None:
     rejection = rotor.rejection
     if rejection is None or not speed or abs(speed) < rejection.from_speed * np.pi / 30:
         return None
-    known, dt = rotor.known or rotor, 1 / rotor.axis.control_rate
+    dt = 1 / rotor.axis.control_rate
+    known = rotor if rotor.known is None else replace(rotor.known, sensor=rotor.sensor)
     into, out = _planes(control_matrices(rotor))
     once = np.array([speed / (2 * np.pi)])
     control = _pid_response(rotor, once)[0]
@@ -204,12 +229,15 @@ def closed_loop(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def closed_loop_poles(rotor: Rotor, speed: float = 0.0) -> np.ndarray:
-    """Poles of the sampled loop in the z-plane at speed (rad/s), (24,), with force rejection 4 more.
+    """Poles of the sampled loop in the z-plane at speed (rad/s): 24 on probes, with force rejection 4 more.
 
-    The loop is stable when all lie inside the unit circle.
+    The loop is stable when all lie inside the unit circle. The growth of a self-sensing estimator that is unstable by
+    itself is added as a pole.
     """
     poles = np.linalg.eigvals(closed_loop(rotor, speed)[0])
-    return np.concatenate([poles, poles.conj()])
+    own = [] if rotor.self_sensor is None else [growth_rate(rotor.self_sensor)]
+    growing = [np.exp(rate / rotor.axis.control_rate) for rate in own if rate >= 0]
+    return np.concatenate([poles, poles.conj(), growing])
 
 
 def sensitivity(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.ndarray:
@@ -223,21 +251,23 @@ def sensitivity(rotor: Rotor, frequency: np.ndarray, speed: float = 0.0) -> np.n
 def unbalance_response(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:
     """Complex amplitudes (n, 4) of q against exp(i speed t) at speeds (n,) rad/s, not 0, in the sampled loop.
 
-    The response is to the unbalance and to the runout, which the probes feed back.
+    The response is to the unbalance and to the runout, which the probes feed back and self-sensors do not see.
     """
     found = np.empty((len(speeds), 4), complex)
     for i, speed in enumerate(np.asarray(speeds, float)):
         rates = continuous(rotor, speed)
         force, runout = rotating(rotor, speed)
         # What rotates drives the states at exp(i w t): its own response, and in addition that of the held commands.
-        driven = rates[:, 10:] @ force[:2]
-        driven[4:6] += runout[::2] / max(rotor.axis.sensor_time_constant, LEAST_LAG)
-        steady = np.linalg.solve(1j * speed * np.eye(8) - rates[:, :8], driven)
+        n = len(rates)
+        driven = rates[:, n + 2 :] @ force[:2]
+        if rotor.sensor == "probe":
+            driven[4:6] += runout[::2] / max(rotor.axis.sensor_time_constant, LEAST_LAG)
+        steady = np.linalg.solve(1j * speed * np.eye(n) - rates[:, :n], driven)
         a, b, c = sampled(rotor, speed)
         control = control_response(rotor, np.array([speed / (2 * np.pi)]), speed)[0]
         # The states at the samples: steady + (z - A)^-1 B u, with u = -control C states.
-        held = np.linalg.solve(np.exp(1j * speed / rotor.axis.control_rate) * np.eye(8) - a, b[:, :2])
-        states = np.linalg.solve(np.eye(8) + held @ control @ c, steady)
+        held = np.linalg.solve(np.exp(1j * speed / rotor.axis.control_rate) * np.eye(n) - a, b[:, :2])
+        states = np.linalg.solve(np.eye(n) + held @ control @ c, steady)
         found[i] = np.concatenate([states[:2], -1j * states[:2]])
     return found
 
@@ -257,8 +287,15 @@ def rotating(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
 def probe_readings(rotor: Rotor, q: np.ndarray, speeds: np.ndarray) -> np.ndarray:
     """Readings (n, 4) of the probes for motion q (n, 4) and the runout, against exp(i speed t) at speeds (n,) rad/s."""
     w = np.asarray(speeds)[:, None]
-    seen = q @ mechanics(rotor).probes.T + rotating(rotor, 1.0)[1]
+    seen = q @ at_planes(*rotor.planes.probes).T + rotating(rotor, 1.0)[1]
     return seen / (1 + 1j * w * rotor.axis.sensor_time_constant)
+
+
+def controller_readings(rotor: Rotor, q: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    """As `probe_readings`, what the controllers read, on self-sensing from the coils."""
+    if rotor.sensor == "probe":
+        return probe_readings(rotor, q, speeds)
+    return q @ mechanics(rotor).probes.T * reading_response(rotor, np.asarray(speeds) / (2 * np.pi))[:, None]
 
 
 def _planes(matrices: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:

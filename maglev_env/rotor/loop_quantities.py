@@ -44,7 +44,12 @@ def linear_quantities(rotor: Rotor, speed_rpm: float, band: tuple[float, float])
         rotor: The rotor.
         speed_rpm: Speed, rpm.
         band: Frequencies among which the worst compliance is sought, Hz.
+
+    Raises:
+        ValueError: The rotor is on self-sensing.
     """
+    if rotor.sensor != "probe":
+        raise ValueError("goal: a rotor's requirements are those of its loop on the probes")
     speed = speed_rpm * np.pi / 30
     if abs(np.linalg.eigvals(closed_loop(rotor, speed)[0])).max() >= 1:
         return None

@@ -9,7 +9,7 @@ from maglev_env.loop.magnets.law import force
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rotor.linear import (
-    at_planes, control_matrices, control_response, controllers, held_current, mechanics, probe_readings,
+    at_planes, control_matrices, control_response, controller_readings, controllers, held_current, mechanics,
     unbalance_response,
 )  # fmt: skip
 from maglev_env.rotor.rotor import Rotor
@@ -83,7 +83,7 @@ def _slopes(rotor: Rotor, speed: float) -> tuple[np.ndarray, np.ndarray]:
     x, i = (at @ still)[:, None], (-_static_control(rotor) @ still)[:, None]
     if speed:
         q, turns = unbalance_response(rotor, np.array([speed])), np.array([speed / (2 * np.pi)])
-        moving, read = q[0], probe_readings(rotor, q, np.array([speed]))[0]
+        moving, read = q[0], controller_readings(rotor, q, np.array([speed]))[0]
         forward = -held_current(rotor, turns) * (control_response(rotor, turns, speed)[0] @ read[::2])
         current = np.outer(forward, [1, -1j]).ravel()
         turn = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)

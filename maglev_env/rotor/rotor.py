@@ -6,14 +6,17 @@ from pathlib import Path
 from typing import Any
 
 
+from maglev_env.channels import SENSORS
 from maglev_env.design.motor import Motor
 from maglev_env.design.thermal import ThermalMass
 from maglev_env.fields import is_number
 from maglev_env.loop.gains import Gains
 from maglev_env.rig.rig_file import ROTOR_FOLDER, ROTORS, load_rig
 from maglev_env.rig.rig import Rig
+from maglev_env.rig.self_sensor import check_in_loop, self_sensor
 from maglev_env.fields import check_known, increasing_pair, table_as, toml_tables, toml_text
 from maglev_env.rotor.parts import Axial, Body, Fluid, Planes, Rejection, Runout, Touchdown, Unbalance
+from selfsense.sensor import SelfSensor
 
 SCHEMA = "maglev-rotor/1"
 # Inputs of the two controllers of each direction: the centre of mass and half the difference of both planes, or each
@@ -41,7 +44,10 @@ class Rotor:
         motor: Its motor, if known; the simulation keeps the given speed, whatever drives it.
         thermal: Its thermal mass, if known.
         rejection: Its rejection of unbalance forces; None: there is none.
-        known: The rotor by whose model the rejection is designed, where that is not the rotor itself (a drawn one).
+        known: The rotor by whose model the rejection and the estimators are designed, where that is not the rotor
+            itself (a drawn one).
+        sensor: What the controllers read: "probe", or "self_sensing" by the coils of the four radial axes, as the
+            axis' [self_sensing] describes them, or a self-sensor, one like it at each coil. The probes then only watch.
     """
 
     name: str
@@ -60,6 +66,7 @@ class Rotor:
     thermal: ThermalMass | None = None
     rejection: Rejection | None = None
     known: "Rotor | None" = None
+    sensor: str | SelfSensor = "probe"
 
     def __post_init__(self) -> None:
         if tuple(self.gains) not in CONTROLS:
@@ -80,6 +87,27 @@ class Rotor:
                 f"gravity: an axial load of {load:.3g} N is beyond the passive force of {self.axial.capacity:.3g} N "
                 f"at the axial clearance"
             )
+
+        if not isinstance(self.sensor, SelfSensor) and self.sensor not in SENSORS:
+            raise ValueError(f"sensor = {self.sensor!r}; use {' or '.join(SENSORS)}, or a SelfSensor")
+        if self.self_sensor is not None:
+            check_in_loop(self.self_sensor)
+
+    @property
+    def self_sensor(self) -> SelfSensor | None:
+        """The self-sensor of each of the four coils that are read; None on the probes.
+
+        Raises:
+            ValueError: As `maglev_env.rig.self_sensor.self_sensor`.
+        """
+        if isinstance(self.sensor, SelfSensor):
+            return self.sensor
+        return None if self.sensor == "probe" else self_sensor(self.axis, (self.known or self).axis)
+
+    @property
+    def read_planes(self) -> tuple[float, float]:
+        """Positions (m) at which the controllers read the displacement: of the probes, or of the magnets' coils."""
+        return self.planes.probes if self.sensor == "probe" else self.planes.magnets
 
     @property
     def moving_mass(self) -> float:

@@ -1,6 +1,7 @@
 """Rows of the rotor kernel's block: states, constants of the body, its supports and its control; and its channels."""
 
 from maglev_lanes.layout import LANES, rows_after
+from selfsense import kernel_rows
 
 # Generalised coordinates x, tilt of x, y, tilt of y, z (m, rad) and their rates; cosine and sine of the rotor's angle.
 # For each axis, in the order (a, x), (a, y), (b, x), (b, y): probe, coil current, command, PID states. ONCE: what the
@@ -42,5 +43,12 @@ INTO, OUT, KP, KI, KD, DECAY_D, DECAY_I, REJECT, STEP_COS, STEP_SIN, END = rows_
     _GAINS, "INTO[4] OUT[4] KP[4] KI[4] KD[4] DECAY_D[4] DECAY_I[4] REJECT[8] STEP_COS STEP_SIN"
 )
 ROWS = END // LANES
+# Of a rotor on self-sensing: seconds of a step, the coils' gap at rest, and the rows of four self-sensors.
+STEP, COIL_GAP, SELF = rows_after(END, "STEP COIL_GAP")
+STRIDE = kernel_rows.END
+SENSING_ROWS = (SELF + 4 * STRIDE) // LANES
 # Channels per control sample: readings of the four probes, the four coil currents, and the axial displacement.
 CHANNELS = ("probe_ax", "probe_ay", "probe_bx", "probe_by", "coil_ax", "coil_ay", "coil_bx", "coil_by", "axial")
+# And on self-sensing: what the self-sensors read, and the displacements that they read.
+READINGS, DISPLACEMENTS = slice(9, 13), slice(13, 17)
+SENSED = ("sensed_ax", "sensed_ay", "sensed_bx", "sensed_by", "magnet_ax", "magnet_ay", "magnet_bx", "magnet_by")

@@ -37,6 +37,8 @@ class RunUp:
         contact: As `simulate.PLACES`, (n, s, 3), N.
         first_contact: As `simulate.PLACES`, (n, s, 3), s; nan without contact.
         coil_whole_rms: Of the coil currents with their mean, which carries the weight, (n, s, 4), A.
+        gap_error: Rms, mean and largest error of the self-sensed displacements, of the coil with the largest rms,
+            (n, s, 3), m; nan on the probes.
     """
 
     speed_rpm: np.ndarray
@@ -48,6 +50,7 @@ class RunUp:
     contact: np.ndarray
     first_contact: np.ndarray
     coil_whole_rms: np.ndarray
+    gap_error: np.ndarray
 
     @property
     def touched_down(self) -> np.ndarray:
@@ -147,4 +150,14 @@ def _measured(spun: Spun, runs: Sequence[Run]) -> RunUp:
     squares = (channels[:, 4:8] ** 2).mean(axis=-1)
     loss = resistance * (8 * bias**2 + 2 * squares.sum(axis=-1))
     contact = spun.contact, spun.first_contact
-    return RunUp(np.empty(0), radial, once[:, :3], rms, once[:, 3:], loss, *contact, np.sqrt(squares))
+    return RunUp(np.empty(0), radial, once[:, :3], rms, once[:, 3:], loss, *contact, np.sqrt(squares), _gap_error(spun))
+
+
+def _gap_error(spun: Spun) -> np.ndarray:
+    """As `RunUp.gap_error`, (n, 3)."""
+    error = spun.gap_error
+    if error is None:
+        return np.full((len(spun.channels), 3), np.nan)
+    rms = np.sqrt((error**2).mean(axis=-1))
+    every = np.stack([rms, error.mean(axis=-1), abs(error).max(axis=-1)], axis=-1)
+    return np.take_along_axis(every, rms.argmax(axis=-1)[:, None, None], axis=1)[:, 0]

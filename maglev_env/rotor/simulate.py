@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from maglev_env.kernel.sensing_lanes import NO_SENSORS, sensor_timing
 from maglev_env.rotor import rows as r
 from maglev_env.rotor.kernel import TILE, kernel
 from maglev_env.rotor.lanes import Run, block, enough_substeps
@@ -14,6 +15,7 @@ from maglev_env.rotor.rotor import Rotor
 from maglev_env.rotor.rows import CHANNELS
 from maglev_lanes.layout import LANES, row
 from maglev_lanes.threads import over_threads
+from selfsense.sensor import SelfSensor, structure_of
 
 STATES = row(r.CONTACT)  # rows of the states, which come first
 PLACES = ("bearing a", "bearing b", "axial stop")
@@ -25,7 +27,7 @@ class Spun:
     """n simulated runs.
 
     Attributes:
-        channels: As `CHANNELS`, (n, 9, samples), m and A.
+        channels: As `rows.CHANNELS`, (n, 9, samples), m and A; on self-sensing followed by `rows.SENSED`, 17 in all.
         state: q and its rates at the end, (n, 10), m and rad.
         contact: Greatest contact force since the start, as `PLACES`, (n, 3), N.
         first_contact: Time of the first contact, (n, 3), s; nan without one.
@@ -40,6 +42,18 @@ class Spun:
     first_contact: np.ndarray
     rubbed: np.ndarray
     end: np.ndarray
+
+    @property
+    def readings(self) -> np.ndarray:
+        """What the controllers read, ordered as `linear.AXES`, (n, 4, samples), m."""
+        return self.channels[:, :4] if self.gap_error is None else self.channels[:, r.READINGS]
+
+    @property
+    def gap_error(self) -> np.ndarray | None:
+        """Error of the self-sensed displacements, (n, 4, samples), m; None on the probes."""
+        if self.channels.shape[1] == len(CHANNELS):
+            return None
+        return self.channels[:, r.READINGS] - self.channels[:, r.DISPLACEMENTS]
 
 
 def spin(
@@ -66,8 +80,10 @@ def spin(
         threads: Number of threads.
 
     Raises:
-        ValueError: As `reduced`.
+        ValueError: As `reduced`, or some runs are on the probes and others on self-sensing.
     """
+    if len({run.rotor.sensor == "probe" for run in runs}) > 1:
+        raise ValueError("runs on the probes and on self-sensing have other channels; record them apart")
     parts = reduced(runs, samples, lambda spun, _: spun, settle, injection, force, substeps, start, threads)
     found = list(zip(*([getattr(p, f.name) for f in fields(Spun)] for p in parts), strict=True))
     return Spun(*(np.concatenate(field) for field in found))
@@ -87,7 +103,8 @@ def reduced(
     """Results of `reduce` for each block of runs, in order, so that many recordings need not exist at once.
 
     Raises:
-        ValueError: Runs differ in control rate, or a waveform or start has the wrong shape.
+        ValueError: Runs differ in control rate, a waveform or start has the wrong shape, or a rotor on self-sensing is
+            given a start.
     """
     shared_rate([run.rotor for run in runs])
     waves = [
@@ -95,16 +112,18 @@ def reduced(
         for wave, rows, name in ((force, 5, "force"), (injection, 4, "injection"))
     ]
     if start is not None:
+        if any(run.rotor.sensor != "probe" for run in runs):
+            raise ValueError("start: a rotor on self-sensing starts at rest in the centre, with its estimators")
         start = np.asarray(start, float)
         if start.shape not in ((10,), (len(runs), STATES)):
             raise ValueError(f"start: {start.shape}; give q and rates (10,), or the end ({len(runs)}, {STATES})")
         start = np.broadcast_to(start, (len(runs), start.shape[-1]))
     enough = {id(rotor): enough_substeps(rotor) for rotor in {id(run.rotor): run.rotor for run in runs}.values()}
-    steps = [max(substeps, enough[id(run.rotor)]) for run in runs]
-    ends = [0, *(np.flatnonzero(np.diff(steps)) + 1).tolist(), len(runs)]
-    blocks = [(steps[a], slice(i, min(i + LANES, b))) for a, b in pairwise(ends) for i in range(a, b, LANES)]
+    kinds = [(max(substeps, enough[id(run.rotor)]), run.rotor.self_sensor) for run in runs]
+    ends = [0, *(i + 1 for i, (one, other) in enumerate(pairwise(kinds)) if one != other), len(runs)]
+    blocks = [(kinds[a], slice(i, min(i + LANES, b))) for a, b in pairwise(ends) for i in range(a, b, LANES)]
 
-    def work(part: tuple[int, slice]) -> Reduced:
+    def work(part: tuple[tuple[int, SelfSensor | None], slice]) -> Reduced:
         own, some = part
         begun = None if start is None else start[some]
         return reduce(_spun(runs[some], samples, settle, waves, own, begun), runs[some])
@@ -143,19 +162,29 @@ def _repeated(wave: np.ndarray | None, rows: int, samples: int, name: str) -> np
 
 
 def _spun(
-    runs: Sequence[Run], samples: int, settle: int, waves: list[np.ndarray], substeps: int, start: np.ndarray | None
+    runs: Sequence[Run],
+    samples: int,
+    settle: int,
+    waves: list[np.ndarray],
+    kind: tuple[int, SelfSensor | None],
+    start: np.ndarray | None,
 ) -> Spun:
+    substeps, sensor = kind
     rows, seeds = block(runs, substeps)
     if start is not None:
         rows[: start.shape[1], : len(runs)] = start.T  # q, rates and the other states are the first rows
     rejecting = any(run.rotor.rejection is not None for run in runs)
-    step, h = kernel(substeps, rejecting), 1 / (runs[0].rotor.axis.control_rate * substeps)
-    tile, out = np.empty(TILE * len(CHANNELS) * LANES), np.empty(0)
+    rate = runs[0].rotor.axis.control_rate
+    structure = None if sensor is None else structure_of(sensor, regulated=True)
+    timing = np.array(NO_SENSORS if sensor is None else sensor_timing(sensor, rate, substeps))
+    step, h = kernel(substeps, rejecting, structure), 1 / (rate * substeps)
+    channels = len(CHANNELS) + (0 if sensor is None else len(r.SENSED))
+    tile, out = np.empty(TILE * channels * LANES), np.empty(0)
     for first, count in ((0, settle), (settle, samples)):
-        out = np.empty((len(CHANNELS), LANES, count))
+        out = np.empty((channels, LANES, count))
         own = [np.ascontiguousarray(wave[:, first : first + count]).ravel() for wave in waves]
         if count:
-            step(rows.reshape(-1), seeds.reshape(-1), first, h, *own, tile, out.reshape(-1))
+            step(rows.reshape(-1), seeds.reshape(-1), first, h, timing, *own, tile, out.reshape(-1))
     n = len(runs)
     found = rows[row(r.FIRST) : row(r.FIRST) + 3, :n].T * h
     return Spun(

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from maglev_env.kernel.sensing_lanes import NO_SENSORS
 from maglev_env.rotor.kernel import TILE, kernel
 from maglev_env.rotor.lanes import Run, block
 from maglev_env.rotor.rotor import Rotor, load_rotor
@@ -45,7 +46,7 @@ def _stepper(rotor: Rotor) -> Callable[[], None]:
     tile, out = np.empty(TILE * len(CHANNELS) * LANES), np.empty(len(CHANNELS) * LANES * _SAMPLES)
 
     def run() -> None:
-        step(rows, seeds, 0, h, force, injection, tile, out)
+        step(rows, seeds, 0, h, np.array(NO_SENSORS), force, injection, tile, out)
 
     run()
     return run
