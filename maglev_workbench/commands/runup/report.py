@@ -14,7 +14,19 @@ from maglev_env.loop.gains import Gains
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rotor.operating_point import sag
 from maglev_env.rotor.rotor import Rotor
-from maglev_workbench.commands.runup.study import Report, whirl
+from maglev_workbench.commands.runup.sensing import (
+    ERRORS,
+    IDENTIFIED,
+    IDENTIFIED_NOTE,
+    SENSED,
+    SENSED_NOTE,
+    identified_rows,
+    sensed_rows,
+    sensing_json,
+    sensing_summary,
+    sensor_text,
+)  # fmt: skip
+from maglev_workbench.commands.runup.study import Report, slowest, whirl
 from maglev_workbench.page import facts, note, number, page, table
 
 HEAD = (
@@ -48,9 +60,10 @@ def summary(found: Report) -> str:
     )
     touched = [(v, t) for v, t in zip(found.speeds, found.touchdowns, strict=True) if t]
     if not touched:
-        return text + NO_CONTACT
+        return text + NO_CONTACT + sensing_summary(found)
     speed, first = touched[0]
-    return text + f"TOUCHDOWN at {len(touched)} speeds, first at {speed:g} rpm: {_contact(first)}."
+    contact = f"TOUCHDOWN at {len(touched)} speeds, first at {speed:g} rpm: {_contact(first)}."
+    return text + contact + sensing_summary(found)
 
 
 def run_up_table(found: Report) -> Table:
@@ -75,6 +88,9 @@ def run_up_json(found: Report) -> dict[str, Any]:
         "whirl_frequencies": whirl(found.rotor, found.speeds),
     }  # fmt: skip
     named |= {f"motor_{name}": values for name, values in (motor or {}).items()}
+    if found.on_probes is not None:
+        named |= {f"gap_error_{name}": up.gap_error[0, :, i] for i, name in enumerate(ERRORS)}
+        named["slowest_pole"] = [slowest(found.rotor, v) for v in found.speeds]
     rows = [
         {"speed_rpm": float(v), **{name: values[i] for name, values in named.items()}}
         for i, v in enumerate(found.speeds)
@@ -88,6 +104,7 @@ def run_up_json(found: Report) -> dict[str, Any]:
             "gains": {name: asdict(gains) for name, gains in found.rotor.gains.items()},
             "rejection": found.rotor.rejection and asdict(found.rotor.rejection),
             "seed": found.seed,
+            **sensing_json(found),
             "clearance": found.rotor.axis.clearance,
             "speeds": rows,
             "sensitivity": [
@@ -103,6 +120,7 @@ def run_up_json(found: Report) -> dict[str, Any]:
             ],
             "spin_up_time": found.spin_up_time,
             "final_temperature_rise": None if thermal is None else thermal.resistance * found.heat,
+            "on_probes": None if found.on_probes is None else run_up_json(found.on_probes),
         }
     )
 
@@ -127,12 +145,17 @@ def run_up_page(found: Report) -> str:
             "poles, more damped the paler. Where a line meets the speed of rotation, unbalance drives that mode.")),
         ("Peak sensitivity", figures.sensitivity(found)),
         ("", _sensitivity_table(found)),
+        ("Bearings as identified", table(IDENTIFIED, identified_rows(found))),
+        ("", note(IDENTIFIED_NOTE)),
     ]  # fmt: skip
+    if found.on_probes is not None:
+        sections += [("On self-sensing, and on the probes", table(SENSED, sensed_rows(found))), ("", note(SENSED_NOTE))]
     if rotor.motor is not None:
         sections += [("Motor", figures.motor(found)), ("", facts(_motor_facts(found)))]
     if rotor.thermal is not None:
         sections += [("Housing temperature", figures.temperature(found)), ("", facts(_thermal_facts(found)))]
-    made = {"Rotor": f"{rotor.name}, {rotor.body.mass:g} kg, axis {rotor.axis.name}", "Gains": _all_gains(rotor)}
+    made = {"Sensor": sensor_text(rotor)}
+    made |= {"Rotor": f"{rotor.name}, {rotor.body.mass:g} kg, axis {rotor.axis.name}", "Gains": _all_gains(rotor)}
     if rotor.rejection is not None:
         made["Force rejection"] = f"{rotor.rejection.rate:g} 1/s from {rotor.rejection.from_speed:g} rpm"
     return page(f"Run-up of {rotor.name}", summary(found), sections, made | {"Seed": found.seed})

@@ -1,6 +1,6 @@
 """Run-up and identification of a rotor, with its linear model, motor and thermal model for comparison."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,13 +20,27 @@ from maglev_env.rotor.simulate import PLACES
 
 @dataclass(frozen=True)
 class Report:
-    """Results of one rotor; identified: k identifications at id_speeds (k,) in rpm; result: those of the run-up."""
+    """Results of one rotor; identified: k identifications at id_speeds (k,) in rpm; result: those of the run-up.
+
+    On self-sensing also on_probes: the same rotor on its probes, and at_coils: identifications on probes that stand in
+    the planes of the coils.
+    """
 
     rotor: Rotor
     seed: int
     result: RunUp
     id_speeds: tuple[float, ...]
     identified: RotorIdentification
+    on_probes: "Report | None" = None
+    at_coils: RotorIdentification | None = None
+
+    @property
+    def identifications(self) -> dict[str, RotorIdentification]:
+        """By what the controllers read."""
+        if self.on_probes is None or self.at_coils is None:
+            return {"probes": self.identified}
+        beside = {"probes at the coils": self.at_coils, "probes": self.on_probes.identified}
+        return {"self-sensing": self.identified} | beside
 
     @property
     def speeds(self) -> np.ndarray:
@@ -81,8 +95,22 @@ class Report:
 def report(rotor: Rotor, speeds: np.ndarray, seed: int, threads: int | None) -> Report:
     """Run up, and identify at standstill and near the top speed, where no harmonic of the rotation is on a line."""
     at = tuple(sorted(identified_speeds(rotor, speeds).tolist(), key=abs))
-    runs = [Run(rotor, v, (seed, 1, i)) for i, v in enumerate(at)]
-    return Report(rotor, seed, run_up([rotor], speeds, seed, threads), at, identify_runs(runs, threads=threads))
+
+    def identified(one: Rotor) -> RotorIdentification:
+        return identify_runs([Run(one, v, (seed, 1, i)) for i, v in enumerate(at)], threads=threads)
+
+    found = Report(rotor, seed, run_up([rotor], speeds, seed, threads), at, identified(rotor))
+    if rotor.sensor == "probe":
+        return found
+    stated = replace(rotor, sensor="probe")
+    moved = replace(stated, planes=replace(rotor.planes, probes=rotor.planes.magnets))
+    return replace(found, on_probes=report(stated, speeds, seed, threads), at_coils=identified(moved))
+
+
+def slowest(rotor: Rotor, speed_rpm: float) -> float:
+    """Largest real part (1/s) of the poles of the linear loop at a speed; positive where it is not stable."""
+    largest = np.abs(closed_loop_poles(rotor, float(speed_rpm) * np.pi / 30)).max()
+    return float(np.log(largest) * rotor.axis.control_rate)
 
 
 def readings(rotor: Rotor, speeds: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_line import maglev
 
-from maglev_env.rig.rig_file import ROTOR_FOLDER
+from maglev_env.rig.rig_file import RIG_FOLDER, ROTOR_FOLDER
 from maglev_env.rotor.linear import closed_loop_poles
 from maglev_env.rotor.parts import Rejection
 from maglev_env.rotor.rotor import ROTORS, load_rotor
@@ -70,6 +70,48 @@ def test_a_touchdown_is_told_and_is_no_error(tmp_path):
         assert end in page and end in text
 
 
+def test_on_self_sensing_the_same_on_the_probes_stands_beside_it(tmp_path):
+    js = tmp_path / "r.json"
+    speeds = ("--speeds", "0:14000:7000")
+    text = run("--sensor", "self_sensing", *speeds, "--out", tmp_path, "--json", js, "--seed", 3)
+    assert "No touchdown. On self-sensing: the displacement is off by up to 1." in text
+    assert "probes at the coils" in text and "On self-sensing, and on the probes" in text
+    data = json.loads(js.read_text())
+    assert data["sensor"] == "self_sensing" and data["estimator"]["pwm_frequency"] == 25e3
+    up = run_up([replace(PUMP, sensor="self_sensing")], np.array([0.0, 7000.0, 14_000.0]), 3)
+    assert [row["gap_error_rms"] for row in data["speeds"]] == up.gap_error[0, :, 0].tolist()
+    assert all(row["slowest_pole"] == pytest.approx(-42.8, abs=0.1) for row in data["speeds"])
+    read = {(one["controllers_read"], one["speed_rpm"], one["mode"]): one for one in data["identified"]}
+    assert len(read) == 12
+    for speed in (0, 14_000):
+        for mode in ("translation", "tilt"):
+            sensed, moved = (read[name, speed, mode] for name in ("self-sensing", "probes at the coils"))
+            assert sensed["stiffness"] == pytest.approx(moved["stiffness"], rel=0.03)
+            assert 0.9 < sensed["damping"] / moved["damping"] < 0.99  # what the lag takes
+        # Beside what the magnets take off, half the difference of the planes that are read holds the tilt.
+        coils, probes = (read[name, speed, "tilt"]["stiffness"] for name in ("probes at the coils", "probes"))
+        magnets = 12.5e3 * 0.027**2
+        assert (coils + magnets) / (probes + magnets) == pytest.approx(27 / 22, rel=0.03)
+    page = (tmp_path / "runup.html").read_text()
+    assert "which lags 2.43° at 150 Hz" in page and "Bearings as identified" in page
+    run(*speeds, "--out", tmp_path, "--json", js, "--seed", 3)
+    alone = json.loads(js.read_text())
+    assert data["on_probes"] == alone and alone["sensor"] == "probe" and alone["on_probes"] is None
+    assert {one["controllers_read"] for one in alone["identified"]} == {"probes"}
+
+
+def test_an_estimator_that_lags_as_measured_drops_it_and_the_linear_loop_says_why(tmp_path):
+    axis, rotor = tmp_path / "late.toml", tmp_path / "pump.toml"
+    axis.write_text((RIG_FOLDER / "hmb_free.toml").read_text() + "\n[self_sensing]\nkp = 0.0\nki = 2.741\n")
+    rotor.write_text((ROTOR_FOLDER / "pump.toml").read_text().replace('"hmb_free"', '"late.toml"'))
+    late = ("--sensor", "self_sensing", "--rotor", rotor, "--speeds", "0:14000:14000", "--out", tmp_path)
+    text = run(*late)
+    assert "TOUCHDOWN at 2 speeds" in text
+    assert "is not stable: its slowest pole has 31.5 1/s, on the probes -42.8" in text
+    assert "lags 30° at 150 Hz" in (tmp_path / "runup.html").read_text()
+    assert "No touchdown" in run(*late, "--gains", "translation.kp=6000", "--gains", "tilt.kp=5000")
+
+
 def test_out_of_the_motors_reach_is_said_before_any_work(tmp_path, monkeypatch):
     monkeypatch.setattr(runup, "report", lambda *_: pytest.fail("no simulation may run"))
     text = run("--speeds", "0:16000:500", "--out", tmp_path / "x", code=2)
@@ -82,6 +124,7 @@ def test_out_of_the_motors_reach_is_said_before_any_work(tmp_path, monkeypatch):
     [
         (["--rotor", "hmb_free"], "neither a preset (pump)"),
         (["--rotor", "none.toml"], "none.toml"),
+        (["--sensor", "coils"], "--sensor coils: use one of probe, self_sensing"),
         (["--speeds", "0:100"], "lo:hi:step"),
         (["--speeds", "5:1:1"], "the step must be above 0 and lo at most hi"),
         (["--speeds", "0:14000:0.1"], "1.4e+05 speeds"),
