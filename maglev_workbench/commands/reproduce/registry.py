@@ -45,6 +45,7 @@ HOME = {
     "dynamic-calibration": "self_sensed.self_sensing",
     "lowest-rate": "self_sensed.self_sensing",
     "future-work": "bearing.future",
+    "pump-on-coils": "self_sensed.pump_on_coils",
     "thrust": "bearing.thrust",
     "sphs": "identification.schroeder",
 }

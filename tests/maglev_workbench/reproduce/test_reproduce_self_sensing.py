@@ -1,5 +1,6 @@
 """The items of chapter 6: published figures against closed forms, scipy and simulations that the items do not use."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,9 @@ from maglev_env.design.defaults import with_defaults
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.rig.rig_file import load_rig
+from maglev_env.rotor.rotor import load_rotor
+from maglev_env.rotor.run_up import run_up
+from maglev_workbench.commands.reproduce.chapters.self_sensed import pump_on_coils
 from maglev_workbench.commands.reproduce.chapters.self_sensed import self_sensing_dynamic as dynamic
 from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing import ITEMS
 from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_circuit import DISPLACEMENT, OUTPUT
@@ -20,6 +24,7 @@ from maglev_workbench.commands.reproduce.chapters.self_sensed.self_sensing_senso
     dissertation_sensor,
     lines_figure,
 )
+from maglev_workbench.commands.runup.study import slowest
 from selfsense.linear import tracking
 
 GAP = 0.35e-3
@@ -248,3 +253,24 @@ def test_the_lowest_rate_is_a_matter_of_gains():
     # Edge by edge, not by the linear model.
     assert "settles at 165 kHz and swings at 160 kHz" in result.notes[1]
     assert all(np.isfinite(row.found) for row in result.rows) and result.plots[0][1].data
+
+
+@pytest.mark.slow
+def test_the_pump_runs_up_on_its_coils_and_loses_its_damping_at_the_lag_that_is_told():
+    outcome = pump_on_coils.ITEM.run(0)
+    rows = {row.name: row.found for row in outcome.rows}
+    assert all(np.isfinite(found) for found in rows.values()) and all(row.reason for row in outcome.rows)
+    assert rows["touchdowns from 0 to 14,000 rpm"] == rows["touchdowns with 30° at 150 Hz at softer gains"] == 0
+    assert 25 < rows["lag at 150 Hz that takes all damping at 14,000 rpm"] < 30
+    rotor = replace(load_rotor("pump"), sensor="self_sensing")
+    lag = pump_on_coils.largest_lag(rotor)
+    just = [pump_on_coils.late_by(rotor, lag + off) for off in (-1.0, 1.0)]
+    assert [pump_on_coils.lag_of(one) - lag for one in just] == pytest.approx([-1, 1], abs=1e-3)
+    # A probe's first-order lag of the same angle, at the coils, loses its damping at nearly the same one.
+    probe = replace(load_rotor("pump"), planes=replace(rotor.planes, probes=rotor.planes.magnets))
+    late = replace(probe.axis, sensor_time_constant=np.tan(np.radians(lag)) / (2 * np.pi * 150))
+    assert abs(slowest(replace(probe, axis=late), 14_000.0)) < 10
+    up = run_up(just, np.array([14_000.0]))
+    assert up.touched_down[:, 0].tolist() == [False, True]
+    table = outcome.tables[1]
+    assert [row[1] for row in table.rows] == ["0 of 3"] * len(pump_on_coils.WRONG)

@@ -62,7 +62,8 @@ def run(seed: int) -> Outcome:
         Row("the same in blood at 9,007 rpm", "good performance foreseen", poles["blood"][1], "1/s", None, "",
             means=(-inf, 0), kind="prediction", again="future-work"),
         Row("right-most pole on self-sensing as measured, 0 rpm", None, right_most(slow, 0.0), "1/s", None,
-            f"556 µs as a first-order lag in all four radial axes, gains of Table 3.5; with a probe {air[0]:.0f} 1/s."),
+            f"556 µs as a first-order lag in all four radial axes, gains of Table 3.5; with a probe {air[0]:.0f} 1/s. "
+            "Edge by edge, and read at the coils: pump-on-coils."),
         Row("the same at 14,000 rpm", None, right_most(slow, TOP), "1/s", None,
             "Gyroscopic moments take some of it."),
         Row("right-most pole on self-sensing as simulated, 14,000 rpm", None, right_most(fast, TOP), "1/s", None,
