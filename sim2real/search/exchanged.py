@@ -6,6 +6,8 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.search.hypotheses import RESONANCES
 
 LAGS = ("delay", "amplifier_lag", "sensor_lag", "eddy_current")
+SCALES = ("mass", "sensor_gain")  # without a force, and nearly with one, the motion is less in proportion
+SPRINGS = ("negative_stiffness", "support_stiffness", "force_law")
 
 
 def resembling(effects: Collection[str]) -> list[frozenset[str]]:
@@ -16,9 +18,9 @@ def resembling(effects: Collection[str]) -> list[frozenset[str]]:
 
 
 def exchanged(effects: Collection[str]) -> list[frozenset[str]]:
-    """As `resembling`, and with a lag or a resonance replaced by another one, which act alike in a narrow band."""
+    """As `resembling`, and with one of a group that acts alike in a narrow band replaced by another one of it."""
     found = resembling(effects)
-    for group in (LAGS, RESONANCES):
+    for group in (LAGS, RESONANCES, SCALES, SPRINGS):
         olds, news = [n for n in group if n in effects], [n for n in group if n not in effects]
         found += [frozenset({*effects} - {old} | {new}) for old in olds for new in news]
-    return found
+    return list(dict.fromkeys(found))

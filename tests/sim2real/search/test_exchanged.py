@@ -14,9 +14,11 @@ from sim2real.search.pairs import _like_the_best
 
 def test_a_lag_or_a_resonance_is_exchanged_for_another_one():
     lags = {"amplifier_lag", "sensor_lag", "eddy_current"}
-    assert set(exchanged(("mass", "delay"))) == {frozenset({"mass", lag}) for lag in lags}
+    assert set(exchanged(("friction", "delay"))) == {frozenset({"friction", lag}) for lag in lags}
     assert frozenset({"mass", "support_resonance"}) in exchanged(("mass", "sensor_resonance"))
-    assert exchanged(("mass", "friction")) == []
+    assert exchanged(("mass", "friction")) == [frozenset({"sensor_gain", "friction"})]
+    springs = exchanged(("force_law", "friction"))
+    assert len(springs) == len(set(springs)) == 2  # one of them is like it, too
     assert all(len(pair) == 2 for pair in exchanged(("delay", "sensor_lag")))  # none twice
 
 
