@@ -77,7 +77,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _EXTRAS = {  # module that may be missing -> the extra that installs it
     "cmaes": "search", "filterpy": "filter", "matplotlib": "plot", "optuna": "search",
-    "stable_baselines3": "rl", "torch": "rl",
+    "slycot": "reference", "stable_baselines3": "rl", "torch": "rl",
 }  # fmt: skip
 _READ = ("source", "campaign", "folder", "twin", "compare", "init", "policy")  # parameters that name what is read
 _WRITTEN = {"json_file": "--json", "docs": "--docs", "picture": "--picture"}  # options that name a file to write

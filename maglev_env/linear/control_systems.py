@@ -7,9 +7,8 @@ import numpy as np
 import scipy
 
 from maglev_env.experiment import Experiment
-from maglev_env.linear.plant import discrete_plant
+from maglev_env.linear.open_loop import open_loop
 from maglev_env.linear.poles import closed_loop
-from maglev_env.loop.effect import effect_value, split_delay
 from maglev_env.loop.gains import of_axis, reads_current, state_space
 
 if TYPE_CHECKING:
@@ -62,7 +61,8 @@ def linear_systems(experiment: Experiment) -> dict[str, Matrices]:
         [p[0] for p in parts], [p[1][:, None] for p in parts], [p[2][None] for p in parts],
     ))  # fmt: skip
     controller = (a, b, c, np.diag([p[3] for p in parts]))
-    return {"plant": (*_plant(experiment), none), "controller": controller, "closed": closed}
+    plant = open_loop(experiment)
+    return {"plant": (plant.a, plant.command, plant.reading, none), "controller": controller, "closed": closed}
 
 
 def python_control() -> ModuleType:
@@ -76,24 +76,3 @@ def python_control() -> ModuleType:
     except ImportError:
         raise ImportError('python-control is not installed: pip install "maglev-workbench[bench]"') from None
     return control
-
-
-def _plant(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B and C from the commands (A) to the readings (m); the last states are the commands that act later."""
-    m, _, b_old, b_new, readings, _ = discrete_plant(experiment)
-    delay, _ = split_delay(experiment.effects, 1 / experiment.rig.control_rate)
-    lost = effect_value(experiment.effects, "dropped_samples")
-    n, axes = len(m), len(readings)
-    size = n + (delay + 1) * axes
-    # Rows: the command of now, of one sample ago, ...; columns: the states, then the input.
-    commands = np.eye((delay + 2) * axes, size + axes, n - axes)
-    commands[:axes, :] = 0.0
-    commands[:axes, size:] = (1 - lost) * np.eye(axes)
-    commands[:axes, n : n + axes] = lost * np.eye(axes)
-    whole = np.zeros((size, size + axes))
-    whole[:n, :n] = m
-    whole[:n] += b_new @ commands[delay * axes : (delay + 1) * axes] + b_old @ commands[(delay + 1) * axes :]
-    whole[n:] = commands[: (delay + 1) * axes]
-    c = np.zeros((axes, size))
-    c[:, :n] = readings
-    return whole[:, :size], whole[:, size:], c

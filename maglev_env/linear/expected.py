@@ -6,7 +6,7 @@ from estimation.lines.periods import LineStatistics
 from maglev_env.channels import SPECTRAL
 from maglev_env.experiment import Experiment, channels_of
 from maglev_env.linear.loop import loop_response
-from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig import Rig, axis_rig
 
 
 def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatistics:
@@ -36,10 +36,8 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
     put_in = s @ (from_injection @ injection + from_reference @ reference)
     command, displacement = to_command @ force + put_in, receptance @ force + plant @ put_in
     mean = np.concatenate([displacement, command, force, injection], axis=1)[..., 0].T
-    # The rounding of each axis' converter acts as white noise, in addition to the probe's own noise.
-    own = [axis_rig(rig, axis) for axis in range(axes)]
-    lsb = np.array([2 * r.voltage_range / 2**r.adc_bits / r.probe_gain if r.adc_bits else 0.0 for r in own])
-    power = rig.noise.displacement**2 + lsb**2 / 12 if experiment.sensor == "probe" else 0.0 * lsb
+    power = np.array([reading_noise(axis_rig(rig, axis)) ** 2 for axis in range(axes)])
+    power = power if experiment.sensor == "probe" else 0.0 * power
     noise = 4 / (n * experiment.periods)
     # Noise of the reading passes through the loop: the reading has (1 + P C)^-1 times it, the command -C times that.
     reading = np.linalg.inv(np.eye(axes) + plant @ controller)
@@ -49,3 +47,9 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
         covariance[axis, axis] += rig.noise.force**2 * noise
     channels = channels_of(rig, SPECTRAL)
     return LineStatistics(frequency, np.asarray(lines), channels, mean, covariance, experiment.periods)
+
+
+def reading_noise(rig: Rig) -> float:
+    """Rms of the noise of the reading of one axis, m: the probe's own, and the rounding of its converter."""
+    lsb = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
+    return float(np.hypot(rig.noise.displacement, lsb / np.sqrt(12)))

@@ -52,6 +52,7 @@ class Verdict:
         reason: Why they are refused, or None.
         required: What the goal measures, by the names of the info: the median over fresh noise on the rig itself, and
             with _low and _high the ends over rigs within tolerance and fresh noise; empty for `match`.
+        loop: Medians over fresh noise on the rig itself of LIMITS and the disk margin, whatever the goal measures.
     """
 
     point: np.ndarray
@@ -60,6 +61,7 @@ class Verdict:
     intervals: dict[str, tuple[float, float]]
     reason: str | None
     required: dict[str, float] = field(default_factory=dict)
+    loop: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def recommend(
         if away and (min(away) <= apart or (away[-1] <= FARTHEST and _would_lose(trials.info[i], lost))):
             skipped.append(i)
             continue
-        again = reduce(add, (experiments(task, e, np.tile(point, (len(e), 1)), [0] * len(e)) for e in (own, spread)))
+        again = _again(task, point, own, spread)
         verdict = verdict_of(point, again, repeats, episode)
         if verdict.reason is None:
             return Recommendation(verdict, tuple(refused), passed_over(trials, i, means, tried, skipped))
@@ -126,6 +128,21 @@ def recommend(
         tried.append(i)
         lost = _lost(again, repeats, verdict)
     return Recommendation(None, tuple(refused))
+
+
+def judged_again(
+    task: Task, episode: Episode, point: np.ndarray, seed: int, repeats: int = 16, rigs: int = 48
+) -> Verdict:
+    """The verdict on one point (k,), scored as those that `recommend` looks at; arguments as there."""
+    rng = np.random.default_rng(seed)
+    own = [replace(episode, seed=int(rng.integers(2**63))) for _ in range(repeats)]
+    spread = [_within_tolerance(task, episode, rng) for _ in range(rigs)]
+    return verdict_of(point, _again(task, point, own, spread), repeats, episode)
+
+
+def _again(task: Task | RotorGoalTask, point: np.ndarray, *parts: Sequence[Episode | RotorEpisode]) -> Trials:
+    """Trials of one point on the episodes of all parts, in this order."""
+    return reduce(add, (experiments(task, e, np.tile(point, (len(e), 1)), [0] * len(e)) for e in parts))
 
 
 def _lost(again: Trials, repeats: int, verdict: Verdict) -> dict[str, float]:
@@ -194,7 +211,8 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode 
         at = [one[f"{BETWEEN}peak_frequency"] for one in again.info if f"{BETWEEN}peak_frequency" in one]
         reason = f"between the lines at {np.median(at):.0f} Hz: {hidden}"
     se = float(scores.std(ddof=1) / np.sqrt(repeats)) if repeats > 1 else np.nan
-    return Verdict(point, float(scores.mean()), se, intervals, reason, _required(whole, repeats, _ENDS))
+    required, loop = _required(whole, repeats, _ENDS), _medians(whole, repeats)
+    return Verdict(point, float(scores.mean()), se, intervals, reason, required, loop)
 
 
 def _whole(again: Trials) -> Trials:
@@ -242,6 +260,15 @@ def _intervals(again: Trials, repeats: int, episode: Episode | RotorEpisode) -> 
     columns["displacement_share"] = peaks / clearance
     columns["score"] = again.score[repeats:]
     return {n: tuple(map(float, np.nanpercentile(v, _ENDS))) for n, v in columns.items() if np.isfinite(v).any()}
+
+
+def _medians(again: Trials, repeats: int) -> dict[str, float]:
+    """Medians over the first trials of what every experiment reads of the loop, by name."""
+    found = {}
+    for name in (*LIMITS, "disk_margin"):
+        values = np.array([one.get(name, np.nan) for one in again.info[:repeats]], float)
+        found[name] = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
+    return found
 
 
 def _required(again: Trials, repeats: int, ends: tuple[float, float]) -> dict[str, float]:

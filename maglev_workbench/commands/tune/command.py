@@ -28,7 +28,10 @@ BUDGET = 10  # experiments, or recordings of a campaign
 app = typer.Typer()
 
 
-@app.command(epilog="Example: maglev tune --method model --budget 10 --effect delay=75e-6 --out my-study")
+@app.command(
+    epilog="Examples: maglev tune --method model --budget 10 --effect delay=75e-6 --out my-study; maglev tune --goal "
+    "engineer --reference lqg --reference h-infinity"
+)
 @friendly
 def tune(
     context: typer.Context,
@@ -82,6 +85,14 @@ def tune(
     rejection: Annotated[
         float | None, typer.Option(help="Of a rotor: reject unbalance forces at this rate, 1/s (default: its own).")
     ] = None,
+    reference: Annotated[
+        list[str],
+        typer.Option(
+            metavar="KIND",
+            help="Under requirements: also the best linear controller of a kind, to hold the gains against: lqg, "
+            "h-infinity (extra [reference]); repeat. See docs/goals.md.",
+        ),
+    ] = [],  # noqa: B006
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of the study, which resumes there (default: by rig, method and --goal)."),
@@ -114,6 +125,11 @@ def tune(
             given(context),
         )  # fmt: skip
         return
+    if reference:
+        from tuning.reference.kinds import kind_of
+
+        for kind in reference:
+            kind_of(kind)
     for name, value in (("speeds", speeds), ("rejection", rejection)):
         if value is not None:
             raise ValueError(f"--{name} is for rotors; leave it out, or tune one: --rig {', '.join(PRESETS['rotor'])}")
@@ -146,7 +162,11 @@ def tune(
         loaded, names, bounds, effects=chosen, protocol=protocol, sensor=sensor, budget=budget, goal=goal,
         controller=controller,
     )  # fmt: skip
+    wanted = task.layout.goal
+    if reference and wanted is None:
+        raise ValueError("--reference: references go with a goal of requirements; give one, as --goal engineer")
     # What is asked for is right: now the imports that take longer.
+    from maglev_workbench.commands.tune import references as held_against
     from maglev_workbench.commands.tune.report import tune_json, tune_page, tune_tables
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
@@ -176,14 +196,22 @@ def tune(
             console.print(f"stopped; finished work is in {folder}: run the same command again to continue")
             raise
     advice = recommend(task, episode, found.trials, seed)
+    beside = None
+    if reference:
+        beside = held_against.made(task, episode, reference, seed, threads)
     seconds = perf_counter() - started
     data = tune_json(task, found, advice, made_by, seconds)
+    data |= held_against.reference_json(wanted, beside) if beside else {}
+    more = held_against.reference_sections(wanted, advice, beside) if beside else []
     page = folder / "tune.html"
-    write_page(page, tune_page(task, found, advice, data), [folder / "tune.json"])
+    write_page(page, tune_page(task, found, advice, data, more), [folder / "tune.json"])
     write_json(folder / "tune.json", data)
     write_json(json_file, data)
     for part in tune_tables(task, found, advice):
         console.print(part)
+    if beside:
+        console.print(held_against.reference_table(wanted, advice, beside))
+        console.print(held_against.reference_in_words(wanted, advice, beside))
     if note := getattr(tuner, "note", None):
         console.print(f"note: {note}")
     if found.dropped:
