@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from maglev_env.evaluation.goal_score import met
 from maglev_env.task.task import Tuning
 from tuning.search.evolution import DifferentialEvolution
+from tuning.study.recommendation import with_hidden
 from tuning.study.study import experiments
 from tuning.tuner import Trials, Tuner, close
 
@@ -65,29 +67,55 @@ def course(trials: Sequence[Trials]) -> Course:
 
 def judged(
     task: Tuning, episodes: Sequence[Any], found: Course, checkpoints: Sequence[int], seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Evaluate what a tuner would recommend after certain numbers of experiments.
 
     Returns:
         score: Score of the best gains so far, measured again under noise from seed, (n, checkpoints).
         touchdowns: Number of touchdowns so far, (n, checkpoints).
+        met: Whether these gains meet every requirement of the goal, (n, checkpoints): 1 or 0; nan without a goal.
     """
-    best, down = np.zeros((2, len(episodes), len(checkpoints)))
+    best, down, meets = np.zeros((3, len(episodes), len(checkpoints)))
     for j, n in enumerate(checkpoints):
         chosen = found.score[:, :n].argmax(axis=1)
-        best[:, j] = rescored(task, episodes, found.points[np.arange(len(episodes)), chosen], seed)
+        again = _again(task, episodes, found.points[np.arange(len(episodes)), chosen], seed)
+        best[:, j] = again.score.reshape(-1, AGAIN).mean(axis=1)
+        meets[:, j] = _meets(task, again)
         down[:, j] = found.touchdown[:, :n].sum(axis=1)
-    return best, down
+    return best, down, meets
 
 
 def rescored(
     task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int, threads: int | None = None
 ) -> np.ndarray:
     """Mean score (n,) of one point (n, k) on each episode, over AGAIN repetitions with their own noise."""
+    return _again(task, episodes, points, seed, threads).score.reshape(-1, AGAIN).mean(axis=1)
+
+
+def _again(task: Tuning, episodes: Sequence[Any], points: np.ndarray, seed: int, threads: int | None = None) -> Trials:
+    """AGAIN repetitions of one point (n, k) on each episode, one episode after the other."""
     rng = np.random.default_rng(seed)
     fresh = [replace(e, seed=int(rng.integers(2**63))) for e in episodes for _ in range(AGAIN)]
-    found = experiments(task, fresh, np.repeat(points, AGAIN, axis=0), [0] * len(fresh), threads)
-    return found.score.reshape(-1, AGAIN).mean(axis=1)
+    return experiments(task, fresh, np.repeat(points, AGAIN, axis=0), [0] * len(fresh), threads)
+
+
+def _meets(task: Tuning, again: Trials) -> np.ndarray:
+    """Whether the medians of AGAIN repetitions meet every requirement of the task's goal, (n,); nan without one.
+
+    What a loop hides between the lines of its experiment counts, too.
+    """
+    goal = getattr(task.layout, "goal", None)
+    if goal is None:
+        return np.full(len(again) // AGAIN, np.nan)
+    whole = with_hidden(again)
+    values = {}
+    for one in goal.requirements:
+        read = np.array([row.get(f"required_{one.name}", np.nan) for row in whole.info], float).reshape(-1, AGAIN)
+        # Of a touchdown in an event, infinity; of what the lines do not hold, nan.
+        with np.errstate(invalid="ignore"):
+            values[one.name] = np.median(read, axis=1)
+    held = np.array([bool(row.get("feasible", True)) for row in whole.info]).reshape(-1, AGAIN).all(axis=1)
+    return (held & met(goal, values)).astype(float)
 
 
 def optima(

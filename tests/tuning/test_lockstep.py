@@ -37,10 +37,21 @@ def test_side_by_side_is_one_by_one(method):
 def test_a_course_is_what_fresh_noise_says_of_the_best_so_far():
     trials = side_by_side(TASK, EPISODES, tuners("model", 4), 4)
     found = course(trials)
-    best, touchdowns = judged(TASK, EPISODES, found, (1, 4), seed=5)
+    best, touchdowns, meets = judged(TASK, EPISODES, found, (1, 4), seed=5)
+    assert np.isnan(meets).all()
     assert best.shape == (3, 2) and (best[:, 1] > best[:, 0]).all()
     np.testing.assert_allclose(best[:, 1], found.score.max(axis=1), atol=0.05)
     assert (touchdowns[:, 1] >= touchdowns[:, 0]).all()
+
+
+def test_what_is_met_is_what_the_medians_of_fresh_experiments_meet():
+    goal = "phase_margin >= 25, compliance <= 80e-6, best noise_current near 0.02"
+    task = make_task(protocol="quick", goal=goal)
+    episode = task.draw(np.random.default_rng(0))
+    points = task.box.actions(np.array([[8000.0, 2000.0, 5.2], [10000.0, 2000.0, 8.0]]))  # 23 and 33 degrees
+    trials = [experiments(task, [episode], point[None], 1) for point in points]
+    _, _, meets = judged(task, [episode] * 2, course(trials), (1,), seed=0)
+    np.testing.assert_array_equal(meets[:, 0], [0.0, 1.0])
 
 
 def test_optima_are_not_beaten_by_the_preset():

@@ -36,6 +36,7 @@ class Result:
     Attributes:
         score: Score of its best gains under fresh noise, (rigs, repeats, m).
         touchdowns: Number of touchdowns so far, (rigs, repeats, m).
+        met: Whether these gains meet every requirement, (rigs, repeats, m): 1 or 0; nan without a goal of requirements.
         seconds: Time for all rigs together, (m,), s.
         tuner_seconds: Part of that time that the tuner itself took to ask and be told, (m,), s.
         reused: Whether an earlier run made the results.
@@ -43,6 +44,7 @@ class Result:
 
     score: np.ndarray
     touchdowns: np.ndarray
+    met: np.ndarray
     seconds: np.ndarray
     tuner_seconds: np.ndarray
     reused: bool
@@ -188,9 +190,9 @@ def _result(
     """The arrays of a Result, with all runs in one row."""
     whole = Course(*(np.concatenate([part[f.name] for part in parts]) for f in fields(Course)))
     reach = [n for n in checkpoints if n <= runs.budget]
-    score, touchdowns = judged(runs.task, runs.lanes, whole, reach, seed)
+    score, touchdowns, meets = judged(runs.task, runs.lanes, whole, reach, seed)
     seconds, own = np.sum([part["clock"] for part in parts], axis=0)[np.array(reach) - 1].T
-    found = {"score": score, "touchdowns": touchdowns, "seconds": seconds, "tuner_seconds": own}
+    found = {"score": score, "touchdowns": touchdowns, "met": meets, "seconds": seconds, "tuner_seconds": own}
     beyond = len(checkpoints) - len(reach)
     return {k: np.pad(v, [*[(0, 0)] * (v.ndim - 1), (0, beyond)], constant_values=np.nan) for k, v in found.items()}
 

@@ -203,7 +203,7 @@ def _within_tolerance(
 
 def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode | RotorEpisode) -> Verdict:
     """Verdict on trials of one point: the first `repeats` on the rig itself, the others on rigs within tolerance."""
-    whole = _whole(again)
+    whole = with_hidden(again)
     intervals, seen = _intervals(whole, repeats, episode), _intervals(again, repeats, episode)
     scores = again.score[:repeats]
     reason = _reason(again, seen)
@@ -215,7 +215,7 @@ def verdict_of(point: np.ndarray, again: Trials, repeats: int, episode: Episode 
     return Verdict(point, float(scores.mean()), se, intervals, reason, required, loop)
 
 
-def _whole(again: Trials) -> Trials:
+def with_hidden(again: Trials) -> Trials:
     """The trials with the margins of their loops at all frequencies, where a simulated loop hides some of them.
 
     Lines show nothing of a resonance that is narrower than their distance; see `Evaluation.between_lines`.

@@ -9,6 +9,7 @@ from maglev_workbench.options import (
     ControllerOption,
     DocsOption,
     EffectOption,
+    GoalOption,
     JsonOption,
     PolicyOption,
     RigOption,
@@ -27,7 +28,7 @@ app = typer.Typer()
 
 @app.command(
     epilog="Examples: maglev compare model cma-es@preset rule --rigs 12 --protocol quick --out my-comparison; "
-    "maglev compare --twin sealed"
+    "maglev compare model nelder-mead@preset --goal engineer --rigs 6 --budgets 5,10; maglev compare --twin sealed"
 )
 @friendly
 def compare(
@@ -51,6 +52,7 @@ def compare(
     repeats: Annotated[int, typer.Option(help="Runs on every rig, with different noise.")] = 1,
     protocol: Annotated[str, typer.Option(help="full, or quick: an eighth of the time, less accurate.")] = "full",
     controller: ControllerOption = None,
+    goal: GoalOption = None,
     effect: EffectOption = [],  # noqa: B006
     affected: Annotated[
         bool, typer.Option("--affected", help="Every other rig has an effect of its own, drawn as for maglev train.")
@@ -72,6 +74,8 @@ def compare(
 
     With --twin: tune on the nominal simulator, on the one that a diagnosis corrected, and on the sealed twin itself,
     and score all three on the twin. This shows the benefit of the diagnosis in score, peak sensitivity and touchdowns.
+
+    Under a goal of requirements the score is that of the goal, and the table also says on how many rigs all are met.
 
     The default comparison takes some minutes on two cores, an eighth of it with --protocol quick.
     """
@@ -107,6 +111,7 @@ def compare(
         summary,
     )
     from maglev_workbench.console import console, progress_bar, write_json
+    from maglev_workbench.goal_label import goal_label
     from maglev_workbench.page import write_page
     from tuning.comparison import compare as comparison
     from tuning.methods import policy_of
@@ -117,11 +122,11 @@ def compare(
     loaded = load_rig(rig)
     task = make_task(
         loaded, effects=parse_effects(effect), protocol=protocol, randomization="wide", budget=steps[-1],
-        controller=controller,
+        controller=controller, goal=goal,
     )  # fmt: skip
     chosen = list(methods or ()) or default_methods(task, own)
     comparison.check_policy(task, chosen, own)
-    folder, runs = out or Path(f"compare-{loaded.name}"), rigs * repeats
+    folder, runs = out or Path(f"compare-{loaded.name}{goal_label(goal)}"), rigs * repeats
     require_folder(folder)
     require_apart(json_file, folder, (comparison.SPEC, comparison.RIGS))
     with workers(scheduler) as spread, progress_bar() as bar:
@@ -145,6 +150,7 @@ def compare(
     if docs is not None:
         asked = "".join(f" --effect {quote(e)}" for e in effect)
         asked += f" --controller {quote(controller)}" if controller else ""
+        asked += f" --goal {quote(goal)}" if goal else ""
         asked += " --affected" * affected + (f" --policy {quote(str(policy))}" if policy else "")
         options = f"--rigs {rigs} --budgets {budgets} --repeats {repeats} --protocol {protocol}{asked} --seed {seed}"
         command = " ".join(["maglev compare", *found.results, f"--rig {quote(rig)}", options])

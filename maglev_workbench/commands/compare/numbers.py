@@ -15,8 +15,9 @@ class Figures:
     """Figures of one tuner at one budget; arrays (3, ...) are value, lower and upper end of the 95 % interval.
 
     They are: median and iqm (3,) of the regret; profile (3, THRESHOLDS), the share of rigs below a regret; better (3,)
-    by other tuner, the probability of a lower regret on a rig; touchdowns per 100 experiments; seconds per tuning of
-    one rig; and the share of that time which the tuner itself takes.
+    by other tuner, the probability of a lower regret on a rig; touchdowns per 100 experiments; met, the share of runs
+    whose gains meet every requirement, nan without a goal of requirements; seconds per tuning of one rig; and own, the
+    share of that time which the tuner itself takes.
     """
 
     median: np.ndarray
@@ -24,6 +25,7 @@ class Figures:
     profile: np.ndarray
     better: dict[str, np.ndarray]
     touchdowns: float
+    met: float
     seconds: float
     own: float
 
@@ -45,6 +47,7 @@ def figures(found: Comparison) -> Table:
                 performance_profile(regret[m], THRESHOLDS, draws),
                 {o: improvement(regret[m], regret[o], draws) for o in regret if o != m},
                 100 * float(result.touchdowns[..., j].sum()) / (runs * n),
+                float(result.met[..., j].mean()),
                 float(result.seconds[j]) / runs,
                 float(result.tuner_seconds[j] / result.seconds[j]),
             )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maglev_env.recordings.formats.json_data import plain
+from maglev_env.rig.goal import MATCH
 from maglev_workbench.commands.compare.figures import course_figure, improvement_figure, profile_figure
 from maglev_workbench.commands.compare.numbers import THRESHOLDS, Table
 from maglev_workbench.page import effects_in_words, markdown_table, note, number, page, rig_facts, table
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
 
 TITLE = "Tuners compared"
 HEAD = ("budget", "tuner", "median regret", "IQM of regret", "touch-\ndowns\nper 100", "s per\ntuning", "own\n%")
+MET = "met\n%"  # behind the regrets, where a goal has requirements
+OF_GOAL = (
+    "The score is that of the goal of requirements. Met: share of the runs whose gains meet every requirement by the "
+    "medians of the fresh experiments, also between their lines. "
+)
 HOW_TO_READ = (
     "Every tuner had the same budget of experiments, one at a time, on the same rigs, drawn wide around the nominal "
     "and seen by none before. Simple regret: the best score known of a rig (by a long search, or by any tuner here if "
@@ -39,12 +45,12 @@ def compare_table(found: Comparison, of: Table) -> "rich.table.Table":
     from rich.table import Table as Grid
 
     grid = Grid(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=_title(found))
-    for name in HEAD:
+    for name in _head(found):
         grid.add_column(name, justify="left" if name == "tuner" else "right")
     rows = _rows(found, of)
     for row, after in zip_longest(rows, rows[1:]):
-        *front, iqm, down, seconds, own = row  # 80 columns have no room for a second interval
-        grid.add_row(*front, iqm.split()[0], down, seconds, own, end_section=after is None or after[0] != row[0])
+        front, iqm, rest = row[:3], row[3], row[4:]  # 80 columns have no room for a second interval
+        grid.add_row(*front, iqm.split()[0], *rest, end_section=after is None or after[0] != row[0])
     return grid
 
 
@@ -63,22 +69,24 @@ def summary(found: Comparison, of: Table) -> str:
 def compare_page(found: Comparison, of: Table) -> str:
     """The HTML page of a comparison."""
     sections = [
-        ("Results", table(HEAD, _rows(found, of))),
-        ("", note(HOW_TO_READ)),
+        ("Results", table(_head(found), _rows(found, of))),
+        ("", note(_how_to_read(found))),
         ("Regret against experiments", course_figure(found, of)),
         ("Performance profiles: share of rigs with a regret below", profile_figure(found, of, THRESHOLDS)),
         ("Probability that a tuner (row) does better on a rig than another (column)", improvement_figure(found, of)),
     ]
     made = found.made_by
     facts = {**rig_facts(made["rig"]), "Rigs": f"{made['rigs']}, drawn {made['randomization']}"}
+    facts |= {"Goal": goal} if (goal := _goal(found)) else {}
     facts |= {"Effects": effects_in_words(made["effects"]), "Repeats": made["repeats"], "Seed": made["seed"]}
     return page(TITLE, summary(found, of), sections, facts)
 
 
 def compare_markdown(found: Comparison, of: Table, command: str) -> str:
     """The same as markdown, without the plots; probabilities are given for every pair of tuners at each budget."""
-    parts = [f"# {TITLE}", summary(found, of), HOW_TO_READ, f"Made by `{command}`."]
-    parts.append(markdown_table([name.replace("-\n", "") for name in HEAD], _rows(found, of)))
+    parts = [f"# {TITLE}", summary(found, of), _how_to_read(found), f"Made by `{command}`."]
+    heads = [name.replace("-\n", "").replace("\n", " ") for name in _head(found)]
+    parts.append(markdown_table(heads, _rows(found, of)))
     for n in found.budgets:
         names = found.reached(n)
         if len(names) < 2:
@@ -96,6 +104,7 @@ def compare_json(found: Comparison, of: Table) -> dict[str, Any]:
             "method": m,
             "score": r.score,
             "touchdowns": r.touchdowns,
+            "met": r.met,
             "seconds": r.seconds,
             "tuner_seconds": r.tuner_seconds,
             "reused": r.reused,
@@ -121,14 +130,29 @@ def compare_json(found: Comparison, of: Table) -> dict[str, Any]:
     )
 
 
+def _goal(found: Comparison) -> str:
+    """The requirements by which gains were scored; "" for `match`."""
+    goal = found.made_by["rig"]["target"]["goal"]
+    return "" if goal == MATCH else goal
+
+
+def _head(found: Comparison) -> tuple[str, ...]:
+    return (*HEAD[:4], MET, *HEAD[4:]) if _goal(found) else HEAD
+
+
+def _how_to_read(found: Comparison) -> str:
+    return (OF_GOAL if _goal(found) else "") + HOW_TO_READ
+
+
 def _title(found: Comparison) -> str:
     made = found.made_by
     rigs = "1 rig" if made["rigs"] == 1 else f"{made['rigs']} rigs"
     repeats = f", {made['repeats']} runs on each" if made["repeats"] > 1 else ""
     affected = ", every other with an effect" if made.get("affected") else ""
+    under = " under a goal of requirements" if _goal(found) else ""
     return (
-        f"{', '.join(found.results)} on {rigs} drawn {made['randomization']} around {made['rig']['name']}{affected}"
-        f"{repeats}"
+        f"{', '.join(found.results)}{under} on {rigs} drawn {made['randomization']} around {made['rig']['name']}"
+        f"{affected}{repeats}"
     )
 
 
@@ -139,6 +163,8 @@ def _rows(found: Comparison, of: Table) -> list[tuple[str, ...]]:
         for m in sorted(found.reached(n), key=lambda m, n=n: of[n, m].median[0]):
             f = of[n, m]
             shown = (_regret(f.median), _regret(f.iqm), f"{f.touchdowns:.1f}", number(f.seconds, 2))
+            if _goal(found):
+                shown = (*shown[:2], f"{100 * f.met:.0f}", *shown[2:])
             rows.append((str(n), m, *shown, f"{100 * f.own:.0f}"))
     return rows
 

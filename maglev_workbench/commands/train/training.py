@@ -54,7 +54,7 @@ def judge(world: World, policy: HistoryPolicy, rigs: int, seed: int) -> dict[str
     _, lanes, seeds = held_out(task, rigs, 1, seed)
     tuners = [LearnedTuner(task, e, policy, s) for e, s in zip(lanes, seeds, strict=True)]
     found = course(side_by_side(task, lanes, tuners, CHECKPOINTS[-1]))
-    score, touchdowns = judged(task, lanes, found, CHECKPOINTS, seed)
+    score, touchdowns, _ = judged(task, lanes, found, CHECKPOINTS, seed)
     se = score.std(axis=0, ddof=1) / np.sqrt(rigs)
     return {
         "rigs": rigs, "after": list(CHECKPOINTS), "score": score.mean(axis=0).tolist(), "se": se.tolist(),
