@@ -201,12 +201,26 @@ def make_tuner(
     own = METHODS[name]
     own.check_installed()
     if policy is None:
-        return own.make(task, episode, seed, budget) if start is None else _started(own, start, task, episode, seed)
+        if start is not None:
+            return _heeding(_started(own, start, task, episode, seed), task, episode)
+        made = own.make(task, episode, seed, budget)
+        return _heeding(made, task, episode) if own.near else made
     if name != LEARNED:
         raise ValueError(f"method {method} takes no policy; leave it out, or use {LEARNED}")
     from tuning.learned.tuner import LearnedTuner
 
     return LearnedTuner(task, episode, policy, seed)
+
+
+def _heeding(search: "Tuner", task: "Task", episode: "Episode") -> "Tuner":
+    """A general search that knows what a recommendation refuses, under a goal of requirements on one or two axes."""
+    from maglev_env.task.task import Task
+
+    if not isinstance(task, Task) or task.layout.goal is None:
+        return search
+    from tuning.search.heeding import Heeding
+
+    return Heeding(search, task, episode)
 
 
 def _started(method: Method, start: str, task: "Task", episode: "Episode", seed: int) -> "Tuner":

@@ -14,9 +14,10 @@ from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.search.corrected.discrepancy import Discrepancy
 from tuning.search.corrected.fit import fitted, opened
-from tuning.search.corrected.limits import READ, Tolerated, allowed
 from tuning.search.corrected.loops import LineModel
 from tuning.search.corrected.parameters import Parameters
+from tuning.search.corrected.tolerated import Tolerated
+from tuning.study.limits import READ, allowed
 from tuning.study.recommendation import GAIN_MARGIN
 from tuning.study.study import experiments
 from tuning.tuner import Trials

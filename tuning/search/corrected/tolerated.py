@@ -1,32 +1,14 @@
-"""The limits of a recommendation, as a search sees them: gains that would be refused are worth little to it."""
+"""How much nearer to the limits of a recommendation rigs within tolerance are, by a linear model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from maglev_env.evaluation.goal_score import goal_terms
 from maglev_env.rig.drawn import scaled_rig
-from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.rig.rig import Rig
 from tuning.search.corrected.loops import LineModel, OpenLoop
-from tuning.study.recommendation import DISPLACEMENT_SHARE, GAIN_MARGIN, PEAK_SENSITIVITY, PHASE_MARGIN
+from tuning.study.limits import LIMITS, READ
 
-LIMITS = Goal(
-    (
-        Requirement("peak_sensitivity", PEAK_SENSITIVITY),
-        Requirement("phase_margin", PHASE_MARGIN),
-        Requirement("gain_margin", GAIN_MARGIN),
-        Requirement("displacement", DISPLACEMENT_SHARE),
-    )
-)
-# By quantity of LIMITS: its name in the info of an experiment and among the values of a line model, by which a
-# recommendation judges it.
-READ = {
-    "peak_sensitivity": "peak_sensitivity",
-    "phase_margin": "phase_margin",
-    "gain_margin": "gain_margin_high",
-    "displacement": "peak_displacement",
-}
 # Standard deviations of the tolerances that a recommendation allows for: one of forty readings lies beyond at either
 # end, and a quarter of these are made on the rig itself.
 ALLOWED = 1.8
@@ -58,8 +40,3 @@ class Tolerated:
             worse = ALLOWED * np.sqrt((apart**2).sum(axis=0))
             found[one.name] = np.exp(worse if one.quantity.most else -worse)
         return found
-
-
-def allowed(values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The factor in (0, 1) of a score that LIMITS leave, of values (...,) by quantity within tolerance."""
-    return np.prod(list(goal_terms(LIMITS, values).values()), axis=0)
