@@ -7,9 +7,10 @@ import pytest
 
 WITHOUT = """
 import sys
+GONE = ("cmaes", "filterpy", "matplotlib", "optuna", "slycot", "stable_baselines3", "torch")
 class Missing:
     def find_spec(self, name, path=None, target=None):
-        if (top := name.split(".")[0]) in ("cmaes", "filterpy", "matplotlib", "optuna", "stable_baselines3", "torch"):
+        if (top := name.split(".")[0]) in GONE:
             raise ModuleNotFoundError(f"No module named {top!r}", name=top)
 sys.meta_path.insert(0, Missing())
 from maglev_workbench.cli import app
@@ -48,7 +49,14 @@ def test_a_tuner_that_needs_an_extra_says_how_to_install_it_before_any_work(meth
     assert not out.exists()
 
 
-@pytest.mark.parametrize("command", [["runup", "--picture", "p.png"], ["compare", "model", "tpe"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["runup", "--picture", "p.png"],
+        ["compare", "model", "tpe"],
+        ["tune", "--goal", "engineer", "--reference", "h-infinity"],
+    ],
+)
 def test_a_command_that_needs_an_extra_says_so_before_any_work(command, tmp_path):
     out = tmp_path / "t"
     done = run(f"app([*{command!r}, '--out', {str(out)!r}])\n")

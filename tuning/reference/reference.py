@@ -22,7 +22,9 @@ from tuning.tuner import Trials
 
 ROUNDS, ROUND = 6, 40  # rounds of the search, and controllers of each
 CENTRES, NARROWER = 3, 0.45  # best controllers around which the next round looks, and by which it looks closer
-FINALISTS, AGAIN = 8, 8  # controllers with the best scores that are told apart, by so many repetitions of each
+# Controllers with the best scores that are told apart, by so many repetitions of each; and those of them that are
+# judged as recommended gains are, on rigs within tolerance, until one is not refused.
+FINALISTS, AGAIN, JUDGED = 6, 16, 3
 SEEDS = 3  # of the noise, over whose scores a search takes the mean: that of one would be a lucky one at a limit
 SEARCH = 57721  # mixed into the seed so that its noise is that of nothing else
 NO_BOX = GainBox((), np.empty(0), np.empty(0), np.empty(0, bool))
@@ -58,7 +60,8 @@ def reference(
     """The best controller of a kind that a search over its weights finds, judged as gains are.
 
     Every axis gets the same weights and a controller of its own model, without the coupling to the other axis. The
-    task's effects are part of the model, so the reference knows more than a tuner that is not told.
+    task's effects are part of the model, so the reference knows more than a tuner that is not told. Where controllers
+    are refused on rigs within tolerance, the next of the best ones is taken, JUDGED of them at most.
 
     Args:
         task: The task.
@@ -102,11 +105,16 @@ def reference(
         raise ValueError(f"reference {kind}: no controller of {ROUNDS * ROUND} holds rig {rig.name}")
     first = np.argsort(-scores, kind="stable")[:FINALISTS]
     fresh = [int(one) for one in rng.integers(2**63, size=AGAIN)]
-    best = int(first[_mean_scores(bare, episode, [controllers[i] for i in first], fresh, threads).argmax()])
-    judged = replace(episode, rig=replace(rig, gains=controllers[best]))
-    verdict = judged_again(bare, judged, np.empty(0), seed)
+    means = _mean_scores(bare, episode, [controllers[i] for i in first], fresh, threads)
+    verdicts: dict[int, Verdict] = {}
+    for i in first[np.argsort(-means, kind="stable")][:JUDGED]:
+        judged = replace(episode, rig=replace(rig, gains=controllers[i]))
+        verdicts[int(i)] = judged_again(bare, judged, np.empty(0), seed)
+        if verdicts[int(i)].reason is None:
+            break
+    best = max(verdicts, key=lambda i: (verdicts[i].reason is None, verdicts[i].score))
     told = dict(zip(own.names, map(float, weights[best]), strict=True))
-    return Reference(kind, controllers[best], told, verdict, ROUNDS * ROUND)
+    return Reference(kind, controllers[best], told, verdicts[best], ROUNDS * ROUND)
 
 
 def loops(task: Task, episode: Episode) -> tuple[Experiment, list[Experiment]]:

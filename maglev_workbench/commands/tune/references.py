@@ -9,6 +9,7 @@ import numpy as np
 from maglev_env.evaluation.goal_score import in_words, misses
 from maglev_env.loop.gains import as_table
 from maglev_env.loop.linear_controller import LinearController
+from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import QUANTITIES, Goal, Requirement
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
@@ -93,7 +94,7 @@ def reference_json(goal: Goal, beside: Beside) -> dict[str, Any]:
         }
         for one in beside.references
     ]
-    return {"references": told, "linear_limits": dict(beside.limits)}
+    return plain({"references": told, "linear_limits": dict(beside.limits)})
 
 
 def reference_in_words(goal: Goal, advice: Recommendation, beside: Beside) -> str:

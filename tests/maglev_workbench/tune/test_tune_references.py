@@ -46,7 +46,9 @@ def test_the_json_holds_the_controller_and_the_limits_of_all():
     own = Reference("lqg", LinearController((1.0, 0.5), (1.0, 0.0)), {"force": 0.1}, verdict(1.8, 0.009), 40)
     data = reference_json(GOAL, Beside([own], LIMITS))
     assert data["linear_limits"] == LIMITS and data["references"][0]["requirements"]["peak_sensitivity"]["met"]
-    assert data["references"][0]["controller"] == {"numerator": (1.0, 0.5), "denominator": (1.0, 0.0)}
+    assert data["references"][0]["controller"] == {"numerator": [1.0, 0.5], "denominator": [1.0, 0.0]}
+    fallen = Reference("lqg", own.controllers, {}, verdict(np.inf, 0.009), 40)
+    json.dumps(reference_json(GOAL, Beside([fallen], {"gain_margin": np.inf})), allow_nan=False)
 
 
 @pytest.mark.slow
