@@ -61,6 +61,8 @@ def h_infinity(plant: OpenLoop, weights: HInfinityWeights) -> tuple[Matrices, fl
     from slycot.exceptions import SlycotError
 
     a, b, c, d = generalised_plant(plant, weights)
+    if not all(np.isfinite(m).all() for m in (a, b, c, d)):
+        raise ValueError("no H-infinity controller: the plant has numbers beyond all bounds")
     n, inputs, outputs = len(a), b.shape[1], len(c)
     try:
         least = sb10ad(n, inputs, outputs, 1, 1, START, a, b, c, d, job=1, gtol=1e-4)[0]

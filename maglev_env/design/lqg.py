@@ -42,7 +42,7 @@ def lqg(plant: OpenLoop, weights: LqgWeights) -> tuple[np.ndarray, np.ndarray, n
     """
     unit = weights.command**0.5  # of the reading, m for each A, in which both weights are 1
     a, b, c = drifting(plant, weights)
-    own = balanced(replace(plant, a=a, command=b, force=_entering(plant, weights), reading=c / unit, current=c))
+    own = balanced(replace(plant, a=a, command=b, force=_entering(plant, weights), reading=c / unit, current=0 * c))
     a, b, c, noise = own.a, own.command, own.reading, (unit * weights.force) ** 2 * own.force @ own.force.T
     spread = riccati(a.T, c.T, noise, 1.0)
     gain = feedback(a, b, riccati(a, b, c.T @ c, 1.0), 1.0)  # (1, n)

@@ -5,7 +5,7 @@ import numpy as np
 from maglev_env.loop.gains import controller_response
 from maglev_env.loop.linear_controller import LinearController
 
-LOST = 1e-3  # relative error of the response by rounding, from which on a filter's coefficients say something else
+LOST = 1e-2  # relative error of the response by rounding, from which on a filter's coefficients say something else
 LOWEST, TOP, POINTS = 1e-4, 0.499, 300  # shares of the control rate between which that is looked at
 
 
@@ -28,7 +28,10 @@ def state_space_filter(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, dt
     # By a least-squares fit of the numerator: differences of two polynomials would lose the digits of a small one.
     powers = z[:, None] ** -np.arange(len(a) + 1)
     denominator = np.real(np.poly(poles))
-    made = powers / (powers @ denominator)[:, None] / wanted[:, None]
+    below = powers @ denominator
+    if not below.all():
+        raise ValueError(f"a filter of order {len(a)} at {1 / dt:g} Hz loses its digits: it divides by zero")
+    made = powers / below[:, None] / wanted[:, None]
     rows = np.concatenate([made.real, made.imag])
     scale = np.linalg.norm(rows, axis=0)
     numerator = np.linalg.lstsq(rows / scale, np.repeat([1.0, 0.0], POINTS), rcond=None)[0] / scale

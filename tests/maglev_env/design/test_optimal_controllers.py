@@ -21,6 +21,7 @@ from maglev_env.linear.control_systems import to_control
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.open_loop import balanced, open_loop
 from maglev_env.linear.poles import closed_loop_poles
+from maglev_env.linear.reduced import reduced
 from maglev_env.rig.rig_file import load_rig
 
 RIGS = {name: load_rig(name) for name in ("hmb_free", "eframe")}
@@ -157,3 +158,18 @@ def test_lost_commands_are_part_of_the_open_loop():
         for one in z
     ]
     np.testing.assert_allclose(flown, loop_response(e, np.array([10.0, 300.0, 4000.0])).amplifier, rtol=1e-9)
+
+
+def test_a_reduced_plant_has_the_responses_and_the_unstable_pole_of_the_whole():
+    e = replace(bare(), effects={"eddy_current": {"corner_hz": 30.0}})
+    whole, few = open_loop(e), reduced(open_loop(e), 1e-5)
+    assert len(few.a) < len(whole.a)
+    radii = [np.abs(np.linalg.eigvals(plant.a)).max() for plant in (whole, few)]
+    assert radii[1] == pytest.approx(radii[0], rel=1e-9)
+    z = np.exp(2j * np.pi * np.geomspace(1e-4, 0.1, 50))
+    for name in ("command", "force"):
+        full, short = (
+            np.array([(p.reading @ np.linalg.solve(x * np.eye(len(p.a)) - p.a, getattr(p, name)))[0, 0] for x in z])
+            for p in (whole, few)
+        )
+        np.testing.assert_allclose(np.abs(short - full).max(), 0.0, atol=4e-3 * np.abs(full).max())
