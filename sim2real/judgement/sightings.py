@@ -7,8 +7,8 @@ import numpy as np
 from scipy import stats
 
 from estimation.lines.line_windows import WIDTH
-from estimation.lines.tones import FALSE_ALARM, Tone, tone_at
-from maglev_env.experiment import axis_experiment
+from estimation.lines.tones import FALSE_ALARM, NEIGHBOURS, Tone, tone_at
+from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.open_tones import log_chances, residual_of, tones_in
@@ -188,7 +188,7 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
         name = origin(tone.frequency, speed, resolution * _told(record, tone)) or FOREIGN
         if not name.startswith("spin") and _rings(part, point, tone.frequency):
             continue  # noise that excites a lightly damped mode
-        if isinstance(record, OpenRecord) and _is_noise_at_peak(record, point, tone):
+        if _is_noise_at_peak(record, point, tone):
             continue
         harmonic = 1
         if name != FOREIGN:
@@ -209,20 +209,33 @@ def _rings(part: Part, point: Point, frequency: float) -> bool:
     return any(abs(np.log2(frequency / f)) < within for f, within in near)
 
 
-def _is_noise_at_peak(record: OpenRecord, point: Point, tone: Tone) -> bool:
-    """Whether a tone at a resonance of the plant may be noise: its level is that of a window of lines, which a rotor on
-    springs may answer far less than it does the lines of the peak.
+def _is_noise_at_peak(record: Record | OpenRecord, point: Point, tone: Tone) -> bool:
+    """Whether a tone may be noise that is louder at its frequency than the level from which it stands out.
+
+    That level is told over a window of lines, or is the median of those between the harmonics. A rotor on springs
+    answers the lines at its resonance far more than it does that window, and its closed loop leaves next to nothing of
+    the noise there, so that about it the median is far below the noise.
     """
-    spacing = record.windows.sample_rate / record.windows.samples
-    lines = tone.frequency + np.arange(-(WIDTH // 2), WIDTH // 2 + 1) * spacing
-    at = np.array([tone.frequency, *lines[lines > 0]])
     e = experiment_at(record.experiment, _linear(point))
-    rise = 1.0
-    for axis in range(record.axes):
-        power = abs(loop_response(axis_experiment(e, axis), at).plant) ** 2
-        rise = max(rise, float(power[0] / power[1:].mean()))
+    rise = max(_rise(record, axis_experiment(e, axis), tone.frequency) for axis in range(record.axes))
+    lines = record.windows.count * WIDTH if isinstance(record, OpenRecord) else record.series["displacement"].shape[1]
     chance = stats.chi2.logsf(tone.chi2 / rise, 2 * record.axes)
-    return bool(rise > PEAK and chance + np.log(record.windows.count * WIDTH) > np.log(FALSE_ALARM))
+    return bool(rise > PEAK and chance + np.log(lines) > np.log(FALSE_ALARM))
+
+
+def _rise(record: Record | OpenRecord, e: Experiment, frequency: float) -> float:
+    """Power of the noise at a frequency (Hz) over that of the lines from which its level is told, of one axis: of the
+    reading's or of forces, in whichever it is more."""
+    if isinstance(record, OpenRecord):
+        spacing = record.windows.sample_rate / record.windows.samples
+        lines = frequency + np.arange(-(WIDTH // 2), WIDTH // 2 + 1) * spacing
+        power = abs(loop_response(e, np.array([frequency, *lines[lines > 0]])).plant) ** 2
+        return float(power[0] / power[1:].mean())
+    # Mirrored at zero, as the median is.
+    lines = frequency + np.arange(-NEIGHBOURS, NEIGHBOURS + 1) * _resolution(record) * record.count / (record.count - 1)
+    r = loop_response(e, np.array([frequency, *np.maximum(abs(lines), _resolution(record))]))
+    powers = (abs(own) ** 2 for own in (r.sensitivity, r.receptance))
+    return max(float(power[0] / np.median(power[1:])) for power in powers)
 
 
 def _linear(point: Point) -> Point:

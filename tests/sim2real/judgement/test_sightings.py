@@ -11,6 +11,7 @@ from estimation.lines.line_windows import LineWindows
 from estimation.lines.tones import Tone
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response
+from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.open_tones import with_tones
@@ -28,6 +29,7 @@ from sim2real.judgement.sightings import (
     _rings,
     sightings,
 )
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 
 TONE = 2e-6  # m, of the probe, at 61.7 Hz
@@ -130,7 +132,24 @@ def test_a_tone_at_a_resonance_narrower_than_a_window_must_exceed_the_noise_ther
     one in 100,000 records may show a tone by noise, chi-square 60 is none there, and one elsewhere."""
     rig = replace(load_rig("eframe"), support_stiffness=40e3, support_damping=4.0, mass=0.3)
     e, windows = Experiment(rig, rig.gains, ()), LineWindows(5000, rig.control_rate / 5, 1, 20)
-    record = SimpleNamespace(experiment=e, windows=windows, axes=1)
+    record = OpenRecord("", "fit", rig, e, {}, {}, np.zeros((1, 0)), np.zeros((1, 0)), 0, windows)
     f = np.arange(20.0, 80.0, 0.05)
     peak = f[abs(loop_response(e, f).plant).argmax()]
     assert _is_noise_at_peak(record, NOMINAL, Tone(off * peak, {}, chi2)) == noise
+
+
+@pytest.mark.parametrize(("least", "noise"), [(0.05, True), (1.0, False)])
+def test_between_harmonics_a_notch_of_the_sensitivity_hides_no_noise_beside_it(least, noise, monkeypatch):
+    """A rotor on springs leaves next to nothing of its probe's noise about its resonance. A line beside that stands far
+    above the median of its neighbours, by noise alone."""
+
+    def notched(_, f):
+        return SimpleNamespace(sensitivity=np.where(abs(f - 33.0) < 22.0, least, 1.0), receptance=np.ones_like(f))
+
+    monkeypatch.setattr(module, "loop_response", notched)
+    rig = load_rig("eframe")
+    e = Experiment(rig, rig.gains, (Excitation("multisine", "current", 4.0, (1, 3, 5), 0.1),))
+    series = {"displacement": np.zeros((1, 5 * e.samples_per_period))}
+    record = SimpleNamespace(experiment=e, series=series, count=5, axes=1)
+    assert _is_noise_at_peak(record, NOMINAL, Tone(10.0, {}, 60.0)) == noise
+    assert not _is_noise_at_peak(record, NOMINAL, Tone(35.0, {}, 60.0))
