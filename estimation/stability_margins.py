@@ -24,9 +24,10 @@ Interval = tuple[float | None, float | None]
 
 TOGETHER = 32  # loops
 ALONG = 2.0  # standard deviations of Im L within which L may cross the real axis
-# Largest standard error, relative to S, of lines that tell a loop gain. Below |S| = 1/2 noise must only not make S
-# vanish; above, where |L| may be small, not |L| = 1 either, on one of hundreds of lines.
-TOLD_LARGE, TOLD = 0.3, 0.12
+# Largest standard error of L at lines that tell it: this share of |L|, and as much of SMALL where |L| is smaller, so
+# that noise does not make |L| = 1 on one of hundreds of lines. Near a peak of |S| lines tell L well whose S is noisy,
+# because L is near -1 there and its error is that of S over |S|^2.
+TOLD, SMALL = 0.3, 0.4
 FEWEST = 4  # lines that a curve can be laid through
 UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes from the interpolation
 
@@ -35,10 +36,11 @@ UNRESOLVED = 1.5  # a peak higher than this many times its nearest lines comes f
 class Margins:
     """Margins of one loop; None where the lines hold none.
 
-    Lines that do not tell S from noise are left out. The upper gain margin is that of a smooth curve through the lines,
-    if that has one, and there is no lower one where that curve has none. Noise biases the other values to the cautious
-    side (peaks up, margins down). The intervals allow for that, so a value may lie at the end of its own interval. A
-    peak at the first or last line is reported with a reason, because it bounds the true peak from one side only.
+    Lines that do not tell the loop gain from noise are left out. The upper gain margin is that of a smooth curve
+    through the lines, if that has one, and there is no lower one where that curve has none. Noise biases the other
+    values to the cautious side (peaks up, margins down). The intervals allow for that, so a value may lie at the end of
+    its own interval. A peak at the first or last line is reported with a reason, because it bounds the true peak from
+    one side only.
 
     Attributes:
         peak_sensitivity: Largest |S|.
@@ -139,7 +141,7 @@ def margins(
     frequency: ArrayLike,
     sensitivity: ArrayLike,
     variance: ArrayLike,
-    draws: int = 400,
+    draws: int = 2000,
     seed: int = 0,
     freedom: float = np.inf,
 ) -> Margins:
@@ -149,7 +151,8 @@ def margins(
         frequency: Increasing frequencies (n,), Hz, n >= 4.
         sensitivity: Complex sensitivity (n,).
         variance: Its variance E|noise|^2 (n,); the noise is circular complex Gaussian and independent between lines.
-        draws: Number of bootstrap draws, at least 100; 0 for no intervals.
+        draws: Number of bootstrap draws, at least 100; 0 for no intervals. All recordings share the draws of a seed, so
+            that what too few of them get wrong in the ends is wrong everywhere: 400 cover a percent more or less.
         seed: Seed of the draws.
         freedom: Degrees of freedom of the variance of neighbouring lines; infinite where it is known.
 
@@ -164,7 +167,8 @@ def margins(
         raise ValueError(f"variance must hold {s.size} finite values >= 0, one per line")
     if draws != 0 and draws < 100:
         raise ValueError("draws must be 0 (no intervals) or at least 100")
-    f, s, noise = _told(f, s, noise)
+    told = _told(s, noise)
+    f, s, noise = f[told], s[told], noise[told]
     values = {name: float(value) for name, value in margin_arrays(f, s).items()}
     # Draws around the noisy estimate would add its bias a second time; the smoothed curve has almost none. L is
     # smoothed and not S, because L has no sharp peak; |dL| = |dS| / |S|^2.
@@ -183,17 +187,23 @@ def margins(
     return Margins(**fields, reasons=reasons, intervals=intervals)
 
 
-def _told(f: Array, s: NDArray[np.complex128], variance: Array) -> tuple[Array, NDArray[np.complex128], Array]:
-    """The lines that tell a loop gain, with their sensitivity and variance; all where too few do.
+def _told(s: NDArray[np.complex128], variance: Array) -> NDArray[np.bool_]:
+    """Which lines (n,) tell a loop gain; all where too few do.
 
     Where S is lost in noise, L = 1 / S - 1 is any number, and a curve through such numbers crosses everything.
     """
     # The median of neighbours, as a line that chance made small is not to be picked by that.
-    size, share = (
-        scipy.ndimage.median_filter(own, 5, mode="nearest") for own in (np.abs(s), np.sqrt(variance) / np.abs(s))
+    size, error = (
+        scipy.ndimage.median_filter(own, 5, mode="nearest")
+        for own in (np.abs(loop_gain(s)), np.sqrt(variance) / np.abs(s) ** 2)
     )
-    told = share <= np.where(size < 0.5, TOLD_LARGE, TOLD)
-    return (f[told], s[told], variance[told]) if told.sum() >= FEWEST else (f, s, variance)
+    told = error <= TOLD * np.maximum(size, SMALL)
+    if told.sum() < FEWEST:
+        return np.ones(s.size, bool)
+    # Where noise grows past the limit, chance picks lines; a curve would swing across the gaps between the others.
+    first, last = np.flatnonzero(told)[[0, -1]]
+    told[first:last] |= size[first:last] < SMALL
+    return told
 
 
 def _smoothed(f: Array, gain: NDArray[np.complex128], variance: Array) -> NDArray[np.complex128]:
@@ -256,28 +266,16 @@ def _intervals(
     noise: NDArray[np.complex128],
 ) -> dict[str, Interval]:
     """Intervals from draws of the noise around the smoothed sensitivity `centre`, whose margins are `middle`."""
-    size = np.abs(centre) ** 4
-    grid, gain = _refined(f, centre + noise)
-    drawn = _margin_arrays(grid, gain)
+    of_gain = variance / np.abs(centre) ** 4
+    drawn = _drawn_margins(f, centre, of_gain, middle, noise)
     ends: dict[str, tuple[float, float]] = {}
     for name in ("peak_sensitivity", "peak_frequency", "phase_margin", "delay_margin", "disk_margin"):
         # The draws are reflected in the logarithm, which subtracts the bias that they show.
         low, high = _quantiles(drawn[name])
         scale = values[name] * middle[name]
         ends[name] = scale / high, scale / low
-    # An upper gain margin is that of the smooth curve, and is drawn as that of smooth curves.
-    smooth = _margin_arrays(*_refined(f, _smoothed(f, loop_gain(centre + noise), variance / size)))
-    drawn["gain_margin_high"] = smooth["gain_margin_high"]
     ends["gain_margin_high"] = _quantiles(drawn["gain_margin_high"])
-    # Noise adds crossings: the near end takes the worst of each draw, the far end the best that may be the one of the
-    # smooth curve, anywhere where that lies along the real axis within the noise.
-    found, factors = _gain_crossings(grid, gain)
-    factor, at = factors["gain_margin_low"], middle["gain_margin_low_frequency"]
-    low, high = _along_the_axis(f, loop_gain(centre), variance / size, at)
-    away = np.abs(found.log_frequency - np.log(at))
-    inside = (found.log_frequency >= low) & (found.log_frequency <= high) & np.isfinite(factor)
-    away = np.where(inside, -factor, np.where(np.isinf(factor), np.inf, away))
-    near, far = _quantiles(found.least(factor, factor)[0])[0], _quantiles(found.least(factor, away)[0])[1]
+    near, far = _quantiles(drawn["nearest_below"])[0], _quantiles(drawn["furthest_below"])[1]
     ends["gain_margin_low"] = (1 / (np.nan if np.isnan(middle["gain_margin_low"]) else far), 1 / near)
     for name, (low, high) in ends.items():
         if np.mean(np.isnan(drawn[name])) > MISSING_SHARE:
@@ -295,6 +293,35 @@ def _intervals(
         name: (_known(np.minimum(low, values[name])), _known(np.maximum(high, values[name])))
         for name, (low, high) in ends.items()
     }
+
+
+def _drawn_margins(
+    f: Array,
+    centre: NDArray[np.complex128],
+    of_gain: Array,
+    middle: Mapping[str, float],
+    noise: NDArray[np.complex128],
+) -> dict[str, Array]:
+    """Margins (draws,) of the curves through `centre` and each noise; `of_gain` is the variance (n,) of L."""
+    gain, at = loop_gain(centre + noise), middle["gain_margin_low_frequency"]
+    low, high = _along_the_axis(f, loop_gain(centre), of_gain, at)
+
+    def read(curve: NDArray[np.complex128]) -> dict[str, Array]:
+        # Noise adds crossings: the near end takes the worst of each draw, the far end the best that may be the one of
+        # the smooth curve, anywhere where that lies along the real axis within the noise.
+        found, factors = _gain_crossings(grid, curve)
+        factor, away = factors["gain_margin_low"], np.abs(found.log_frequency - np.log(at))
+        inside = (found.log_frequency >= low) & (found.log_frequency <= high) & np.isfinite(factor)
+        away = np.where(inside, -factor, np.where(np.isinf(factor), np.inf, away))
+        ends = {"nearest_below": found.least(factor, factor)[0], "furthest_below": found.least(factor, away)[0]}
+        return _margin_arrays(grid, curve) | ends
+
+    grid, curves = refined_parts(f, gain, TOGETHER)
+    parts = [read(curve) for curve in curves]
+    drawn = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    # An upper gain margin is that of the smooth curve, and is drawn as that of smooth curves.
+    drawn["gain_margin_high"] = margin_arrays(f, _smoothed(f, gain, of_gain))["gain_margin_high"]
+    return drawn
 
 
 def _along_the_axis(f: Array, gain: NDArray[np.complex128], variance: Array, crossing: float) -> tuple[float, float]:
