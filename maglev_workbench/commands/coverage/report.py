@@ -28,10 +28,11 @@ the mean is that of the noisy experiments. From the injection alone, gain, stiff
 of x-y rigs the truth is the mean of the estimates without noise. The intervals of the gain margins are knowingly
 cautious where the loop gain is near its noise. The mass is that of the rig: what its [tolerance] adds to the intervals
 of `maglev estimate` is not counted here. A rotor that turns is a tone, which is taken out before the lines are
-looked at. Known to cover less: the disk margin of the preset, by .01 to .02 (conditions share their draws, so that one
-seed may show more in all of them); the peak sensitivity where a floor shakes there; peak sensitivity and disk margin
-where iron saturates (.76 with seed 7041, .93 with seed 8); and the stiffness of x-y rigs that are bent, or where
-distortion is half of the noise, which does not tell it (three times the force).
+looked at. Lines at which noise or distortion drowns the loop gain are left out of the margins; near a peak they tell it
+although S is noisy. The 2,000 draws of an interval are the same for all recordings: half a percent that all conditions
+share. Known to cover less: the peak sensitivity where a floor shakes there; and the stiffness of x-y rigs that are
+bent, or where distortion is half of the noise, which does not tell it (three times the force), most of all in the band
+of the resonance, which is not counted here.
 
 Of recordings that do not repeat, the truth is the linearisation of the rig that is drawn: it differs from the one that
 the estimate is told by what its [tolerance] allows, of a suspended ball also by the form of its force law, and its
