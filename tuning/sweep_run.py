@@ -40,6 +40,7 @@ def run_sweep(
     threads: int | None = None,
     progress: Callable[[int, bool], None] | None = None,
     workers: "Workers | None" = None,
+    processes: bool = False,
 ) -> "xr.Dataset":
     """Run or resume a sweep in a folder.
 
@@ -49,9 +50,12 @@ def run_sweep(
     Args:
         sweep: The sweep.
         out: Folder of the results.
-        threads: Number of threads; None for all cores.
+        threads: Number of threads or processes; None for all cores.
         progress: Called with (experiments, reused).
         workers: Where to run.
+        processes: Spread a large sweep over processes, which is faster than threads. Each process runs the script that
+            calls this once more at its start, but for what stands below `if __name__ == "__main__":`. The script needs
+            that line.
 
     Returns:
         Dataset with the dimensions experiment and band, and the gains as coordinates; of more than LARGE experiments it
@@ -60,9 +64,10 @@ def run_sweep(
     Raises:
         ValueError: `out` holds another sweep, or the device is not there, or workers are given with it.
         BlockingIOError: Another process works on it.
+        BrokenExecutor: A process was ended from outside, or the script lacks the line above.
         OSError: `out` cannot be written.
     """
-    return read_sweep(swept_file(sweep, out, threads, progress, workers))
+    return read_sweep(swept_file(sweep, out, threads, progress, workers, processes))
 
 
 def swept_file(
@@ -71,13 +76,14 @@ def swept_file(
     threads: int | None = None,
     progress: Callable[[int, bool], None] | None = None,
     workers: "Workers | None" = None,
+    processes: bool = False,
 ) -> Path:
     """As `run_sweep`, but returns the path of the dataset's file."""
     with locked(out):
-        return _run(sweep, out, threads, progress or (lambda n, reused: None), workers)
+        return _run(sweep, out, threads, progress or (lambda n, reused: None), workers, processes)
 
 
-def _run(sweep, out, threads, advance, workers) -> Path:  # see run_sweep
+def _run(sweep, out, threads, advance, workers, processes) -> Path:  # see run_sweep
     if sweep.device != "cpu" and workers is not None:
         raise ValueError(f"sweep: device {sweep.device} is of this machine: leave out the scheduler, or use cpu")
     if not (out / SPEC).exists() and not is_empty(out):
@@ -95,7 +101,7 @@ def _run(sweep, out, threads, advance, workers) -> Path:  # see run_sweep
             continue
         load_arrays(path)  # a damaged one is told before the work, not behind it
         advance(min(CHUNK, n - start), True)
-    for chunk, columns in _made(todo, threads, lambda n: advance(n, False), workers):
+    for chunk, columns in _made(todo, threads, lambda n: advance(n, False), workers, processes):
         save_arrays(paths[chunk.start], columns)
     made_by = json.loads((out / SPEC).read_text())
     attributes = {k: v if isinstance(v, str) else json.dumps(v) for k, v in made_by.items()}
@@ -136,19 +142,23 @@ class _Chunk:
 
 
 def _made(
-    chunks: Sequence[_Chunk], threads: int | None, progress: Callable[[int], None], workers: "Workers | None"
+    chunks: Sequence[_Chunk],
+    threads: int | None,
+    progress: Callable[[int], None],
+    workers: "Workers | None",
+    processes: bool,
 ) -> Iterator[tuple[_Chunk, dict[str, np.ndarray]]]:
     """Chunks and their columns as they are finished."""
     if workers is None:
         # A chunk alone would keep two threads busy.
         on_cpu, many = bool(chunks) and chunks[0].sweep.device == "cpu", threads or cores()
-        if on_cpu and many > 1 and sum(map(len, chunks)) >= IN_PROCESSES:
+        apart = processes and many > 1 and sum(map(len, chunks)) >= (IN_PROCESSES if on_cpu else JUDGED_APART)
+        if on_cpu and apart:
             for i, columns in beside_others(_Chunk.columns, chunks, many, _ready):
                 yield chunks[i], columns
                 progress(len(chunks[i]))
             return
         size = many if on_cpu else _GROUPS * ON_GPU // CHUNK
-        apart = not on_cpu and many > 1 and sum(map(len, chunks)) >= JUDGED_APART
         parts = (chunks[start : start + size] for start in range(0, len(chunks), size))
         made = one_ahead((part, [e for chunk in part for e in chunk.experiments()]) for part in parts)
         with _judges(many) if apart else nullcontext() as judges:

@@ -315,7 +315,7 @@ class Check:
             axes = {"kp": Axis(4000.0, 16000.0, points), "kd": Axis(2.0, 12.0, points)}
             with TemporaryDirectory() as folder:
                 begun = perf_counter()
-                run_sweep(Sweep(rig, axes, device=device), Path(folder) / "sweep")
+                run_sweep(Sweep(rig, axes, device=device), Path(folder) / "sweep", processes=True)
                 seconds = perf_counter() - begun
             self.say("sweep", device=device, sets=points**2, seconds=seconds, per_second=points**2 / seconds)
 

@@ -1,6 +1,9 @@
 """Sweeps: the gain sets, the folder, and that an interrupted sweep equals an uninterrupted one bit for bit."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -83,8 +86,30 @@ def test_a_sweep_in_processes_equals_one_on_threads_bit_for_bit(rig, tmp_path, m
     monkeypatch.setattr(module, "CHUNK", 6)
     whole, told = run_sweep(short_sweep(rig), tmp_path / "threads", threads=2), []
     monkeypatch.setattr(module, "IN_PROCESSES", 20)
-    apart = run_sweep(short_sweep(rig), tmp_path / "apart", threads=2, progress=lambda n, reused: told.append(n))
+    apart = run_sweep(short_sweep(rig), tmp_path / "apart", 2, lambda n, reused: told.append(n), processes=True)
     assert apart.identical(whole) and sorted(told) == [2, 6, 6, 6]
+
+
+PLAIN_SCRIPT = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from short_sweeps import short_rig, short_sweep
+from tuning import sweep_run
+print("runs", flush=True)
+sweep_run.IN_PROCESSES, sweep_run.CHUNK = 20, 6
+print(sweep_run.run_sweep(short_sweep(short_rig()), Path("out"), threads=2).sizes["experiment"])
+"""
+
+
+@pytest.mark.slow
+def test_a_script_without_a_main_guard_is_run_once_by_a_large_sweep(tmp_path):
+    (tmp_path / "plain.py").write_text(PLAIN_SCRIPT)
+    models = Path(__file__).parents[1] / "models"
+    ran = subprocess.run(
+        [sys.executable, "plain.py", str(models)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ran.stdout.split() == ["runs", "20"], ran.stderr
 
 
 def test_a_folder_of_another_sweep_is_not_touched(rig, tmp_path):

@@ -105,7 +105,7 @@ def sweep(
             bar.advance(task, count)
 
         try:
-            file = swept_file(plan, folder, threads, advance, spread)
+            file = swept_file(plan, folder, threads, advance, spread, processes=True)
         except KeyboardInterrupt:
             console.print(f"stopped; finished work is in {folder}: run the same command again to continue")
             raise
