@@ -130,10 +130,18 @@ def _worst(goal: Goal, parts: Sequence[Evaluation]) -> Evaluation:
 
 
 def _worst_required(goal: Goal, parts: Sequence[Evaluation]) -> list[dict[str, np.ndarray]]:
-    """What a goal measures, of the worst of several rigs or axes, and the bounds of that."""
-    return worst_of(
+    """What a goal measures, of the worst of several rigs or axes, and the bounds of that.
+
+    Where lines hide what a loop has between them, the bounds hold it also if the lines of another one read worse.
+    """
+    value, low, high = worst_of(
         goal, [p.required for p in parts], [p.required_low for p in parts], [p.required_high for p in parts]
     )
+    hidden = worst_hidden([p.between_lines for p in parts])
+    for name in set(LOOP) & set(value):
+        kept = held(Measured(value[name], low[name], high[name]), name, hidden[name])
+        low[name], high[name] = kept.low, kept.high
+    return [value, low, high]
 
 
 def evaluated(

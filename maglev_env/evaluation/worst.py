@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.evaluation.goal_score import misses
 from maglev_env.experiment import Experiment
 from maglev_env.rig.drawn import scaled_rig, tolerance_factors
-from maglev_env.rig.goal import Goal, Requirement
+from maglev_env.rig.goal import QUANTITIES, Goal, Requirement
 from maglev_env.rig.self_sensor import rig_sensors
 
 SEED = 1618  # the same rigs for every gain set, so that gain sets are compared on equal ones
@@ -53,8 +53,16 @@ def worst_of(
 
 
 def worst_hidden(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """What several rigs or axes have between the lines (see `Evaluation.between_lines`), of the highest peak there."""
-    worst = np.nan_to_num([part["peak_sensitivity"] for part in parts]).argmax(axis=0)
-    return {
-        name: np.take_along_axis(np.stack([part[name] for part in parts]), worst[None], axis=0)[0] for name in parts[0]
-    }
+    """The worst that several rigs or axes have between the lines (see `Evaluation.between_lines`), by quantity.
+
+    One may have the highest peak and another the least margin. The frequency of the peak is that of the highest one.
+    """
+    found = {}
+    for name in parts[0]:
+        values = np.stack([part[name] for part in parts])
+        if name == "peak_frequency":
+            highest = np.nan_to_num([part["peak_sensitivity"] for part in parts]).argmax(axis=0)
+            found[name] = np.take_along_axis(values, highest[None], axis=0)[0]
+        else:
+            found[name] = (np.fmax if QUANTITIES[name].most else np.fmin).reduce(values)
+    return found
