@@ -1,6 +1,6 @@
 """How far an identified gain and stiffness are from those of the stated rig, and whether one factor explains both."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,18 +14,28 @@ from maglev_workbench.page import number
 
 # Relative standard deviations where the rig's [tolerance] states none.
 UNSTATED = {"actuator_gain": 0.3, "negative_stiffness": 0.3}
+UNSTATED_SPRING = 0.3
 APART = 2.5  # of them, beyond two standard errors, from which a coefficient is said to be another one
 ALIKE, ERRORS = 0.03, 3.0  # logarithm, and standard errors: how far two factors may be from one
 
 
 @dataclass(frozen=True)
 class Found:
-    """An identified coefficient beside the stated one, SI; `name` is that of the rig's parameter."""
+    """An identified coefficient beside the stated one, SI.
+
+    Attributes:
+        name: Of the rig's parameter.
+        value: As identified.
+        se: Standard error of `value`.
+        stated: As the rig states it.
+        spring: Stiffness of a support that is in `stated`.
+    """
 
     name: str
     value: float
     se: float
     stated: float
+    spring: float = 0.0
 
     @property
     def ratio(self) -> float:
@@ -36,6 +46,34 @@ class Found:
         """Standard error of the ratio."""
         return abs(self.se / self.stated)
 
+    @property
+    def said(self) -> str:
+        """The name in a sentence: with a support it is no longer the magnets' own."""
+        return "stiffness" if self.spring else self.name.replace("_", " ")
+
+    def tolerances(self, tolerance: Mapping[str, float], nearer: float = 0.0) -> float:
+        """How far the value is from the stated one, in relative standard deviations of this.
+
+        A factor and its inverse are equally far, and another sign is infinitely far. What magnets and a support add up
+        to may nearly vanish, so that factors say nothing: then the difference counts, in N/m.
+
+        Args:
+            tolerance: By parameter.
+            nearer: Standard errors by which the value is first taken nearer to the stated one.
+        """
+        off = self.value - self.stated
+        off = np.sign(off) * max(abs(off) - nearer * self.se, 0.0)
+        own = tolerance[self.name]
+        if self.spring:
+            ends = own * (self.stated - self.spring), tolerance.get("support_stiffness", UNSTATED_SPRING) * self.spring
+            far, unit = abs(off), float(np.hypot(*ends))
+        else:
+            ratio = 1 + off / self.stated
+            far, unit = max(ratio, 1 / ratio) - 1 if ratio > 0 else np.inf, own
+        if not unit:
+            return np.inf if far else 0.0
+        return far / unit
+
 
 def of_axis_named(rig: Rig, file: str, gain: tuple[float, float], stiffness: tuple[float, float]) -> list[Found]:
     """Values and standard errors of a recording beside those of its axis, which the name of a file ends with."""
@@ -45,7 +83,7 @@ def of_axis_named(rig: Rig, file: str, gain: tuple[float, float], stiffness: tup
     stated = linearise(force_law(own))
     return [
         Found("actuator_gain", *gain, stated[0]),
-        Found("negative_stiffness", *stiffness, stated[1] + own.support_stiffness),
+        Found("negative_stiffness", *stiffness, stated[1] + own.support_stiffness, own.support_stiffness),
     ]
 
 
@@ -56,19 +94,16 @@ def from_stated(rig: Rig | None, found: Sequence[Found]) -> str:
     """
     tolerances = UNSTATED | dict(rig.tolerance) if rig is not None else {}
     known = {one.name: one for one in found if rig is not None and one.stated and np.isfinite(one.se)}
-    far = [
-        one for one in known.values()
-        if abs(one.ratio - 1) - 2 * one.error > APART * tolerances.get(one.name, np.inf)
-    ]  # fmt: skip
+    far = [one for one in known.values() if one.name in tolerances and one.tolerances(tolerances, 2.0) > APART]
     if not far:
         return ""
     said = []
     for one in far:
         scale, unit = prefixed(one.stated, "N/A" if one.name == "actuator_gain" else "N/m")
-        off = abs(one.ratio - 1) / tolerances[one.name]
+        off = one.tolerances(tolerances)
         said.append(
-            f"the {one.name.replace('_', ' ')} is {one.ratio:.3g} times the stated {number(one.stated * scale)} {unit} "
-            f"({off:.2g} tolerances)"
+            f"the {one.said} is {one.ratio:.3g} times the stated {number(one.stated * scale)} {unit}"
+            + (f" ({off:.2g} tolerances)" if np.isfinite(off) else "")
         )
     text = f"; {' and '.join(said)}"
     both = [known[name] for name in UNSTATED if name in known]
