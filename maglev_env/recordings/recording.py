@@ -30,6 +30,7 @@ from maglev_env.recordings.measurement_chain import corrected, coupled
 from maglev_env.recordings.missing_readings import garbled_stamps, without_missing
 from maglev_env.recordings.stamped_late import regular_stamps
 from maglev_env.rig.excitation import Excitation, Place, lines_at
+from maglev_env.rig.rig import axis_rig
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -295,13 +296,14 @@ def _held(campaign: Campaign, spec: RecordingSpec) -> float | None:
 
 
 def _bias(campaign: Campaign, path: Path, name: str) -> float:
-    """Bias current (A) of the campaign's rig, or the voltage (V) that holds it, which a total channel includes."""
+    """Bias current (A) of the rig along the channel's axis, or the voltage (V) that holds it; a total has it in it."""
     if campaign.rig is None or not campaign.rig.controlled:
         raise ValueError(
             f"{path}: channel {name!r}: total = true needs a named rig with a magnet, whose bias it includes"
         )
-    current = geometric_law(campaign.rig).bias_current
-    return current * campaign.rig.coil_resistance if name.startswith("voltage") else current
+    rig = axis_rig(campaign.rig, int(name.endswith("_y")))
+    current = geometric_law(rig).bias_current
+    return current * rig.coil_resistance if name.startswith("voltage") else current
 
 
 def _window(path: Path, spec: RecordingSpec, total: int) -> slice:

@@ -7,6 +7,7 @@ import numpy as np
 from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.redundancy.finding import Finding
+from maglev_env.rig.rig import axis_rig
 
 WARM = 0.3  # logarithm of a resistance over the stated one: copper that warms by 75 K reaches it
 WIDE = 4.0  # standard deviations of a stated tolerance
@@ -23,12 +24,15 @@ def ohm(campaign: Campaign, spec: RecordingSpec, channels: Mapping[str, np.ndarr
         spec: The recording.
         channels: Name -> (samples,), V and A, without the bias, as read.
     """
-    rig, found = campaign.rig, []
-    if rig is None or not rig.controlled or not rig.coil_resistance:
+    found: list[Finding] = []
+    if campaign.rig is None or not campaign.rig.controlled:
         return []
-    bias, stated = geometric_law(rig).bias_current, rig.coil_resistance
-    limit = WARM + WIDE * rig.tolerance.get("coil_resistance", 0.0)
+    limit = WARM + WIDE * campaign.rig.tolerance.get("coil_resistance", 0.0)
     for name in [n for n in spec.channels if n.partition("_")[0] == "voltage" and n in channels]:
+        rig = axis_rig(campaign.rig, int(name.endswith("_y")))
+        if not rig.coil_resistance:
+            continue
+        bias, stated = geometric_law(rig).bias_current, rig.coil_resistance
         of = name.replace("voltage", "current", 1)
         if of not in channels or not (spec.channels[name].total and spec.channels[of].total):
             continue

@@ -1,6 +1,7 @@
 """The mean voltage of a coil against its mean current, on a record of a coil that is made by Ohm's law."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,9 @@ import pytest
 
 from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.recordings.campaign_tables import ChannelSource
+from maglev_env.recordings.recording import _bias
 from maglev_env.redundancy.resistance import ohm
+from maglev_env.rig.rig import axis_rig
 from maglev_env.rig.rig_file import load_rig
 
 RIG = replace(load_rig("eframe"), coil_resistance=4.0, coil_inductance=0.03)
@@ -26,6 +29,22 @@ def found(shown=1.0, total=(True, True), switched=0.0, **changes):
     campaign: Any = SimpleNamespace(rig=replace(RIG, **changes))
     spec: Any = SimpleNamespace(file="run.csv", channels=sources)
     return ohm(campaign, spec, channels)
+
+
+def test_each_axis_has_its_own_resistance_and_bias():
+    """A right coil of 8 ohm beside one of 4 had been "2 times coil_resistance"."""
+    own = {"coil_resistance": 8.0, "coil_inductance": 0.06, "bias_current": 0.5}
+    rig = replace(RIG, axes=2, per_axis={"y": own}, protocol=None, bias_current=0.3)
+    biases = {axis: geometric_law(axis_rig(rig, i)).bias_current for i, axis in enumerate("xy")}
+    assert biases == {"x": 0.3, "y": 0.5}
+    swing = 0.05 * np.sin(np.arange(1000) / 20)
+    channels = {f"current_{a}": swing for a in "xy"} | {"voltage_x": 4.0 * swing, "voltage_y": 8.0 * swing}
+    spec: Any = SimpleNamespace(file="run.csv", channels={n: ChannelSource((n,), (1.0,), total=True) for n in channels})
+    campaign: Any = SimpleNamespace(rig=rig)
+    assert not ohm(campaign, spec, channels)
+    (one,) = ohm(campaign, spec, channels | {"voltage_y": 8.0 * swing - 2.0})
+    assert one.channel == "voltage_y or current_y" and "(8 ohm)" in one.message
+    assert [_bias(campaign, Path("run.csv"), n) for n in ("current_x", "current_y", "voltage_y")] == [0.3, 0.5, 4.0]
 
 
 @pytest.mark.parametrize("shown", [0.5, 2.0, -1.0])
