@@ -68,7 +68,8 @@ def _same_at_lines(view: View, name: str) -> bool:
     if lines.periodic:
         out, source = out.mean(axis=0)[None], source.mean(axis=0)[None]
     left = out - found.gain[0] * np.exp(-2j * np.pi * lines.frequency * found.delay[0]) * source
-    return bool(((np.abs(left) ** 2).sum(axis=0) / (np.abs(out) ** 2).sum(axis=0)).mean() <= LEFT**2)
+    whole = (np.abs(out) ** 2).sum(axis=0)
+    return bool(whole.all() and ((np.abs(left) ** 2).sum(axis=0) / whole).mean() <= LEFT**2)
 
 
 def _open(view: View) -> bool:

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from estimation.lines.frequency_response import pooled_variance
+
 REACH, STEP = 26.0, 0.5  # samples: delays that are searched, and the grid on which they are
 FINE, FINEST = 25, 1e-3  # points of each of the finer grids, and the last one's width in steps of the first
 MODEL = 0.01  # of a line's amplitude: what the nominal responses are trusted to
@@ -142,13 +144,13 @@ def fit(
     w = 2 * np.pi * frequency
     reach = REACH / rate if delays else 0.0
     variance = np.zeros(y.shape)
-    for _ in range(2):
+    for _ in range(2):  # the variance of a line by its own few periods scatters: its inverse, a weight, even more so
         floor = variance + (MODEL * np.abs(y)) ** 2
         weight = 1 / np.maximum(floor, 1e-12 * floor.max())
         gain, delay = _searched(y, x, w, weight, reach, STEP / rate)
         turn = gain[:, None, None] * np.exp(-1j * w * delay[:, None])[:, None]
         rest = out - (turn * np.array(inputs)).sum(axis=0)
-        variance = rest.var(axis=0, ddof=1)[None] / len(rest) if periodic else local_power(rest)
+        variance = pooled_variance(rest.var(axis=0, ddof=1))[None] / len(rest) if periodic else local_power(rest)
     turned = turn * x
     off = y - turned.sum(axis=0)
     told = np.full(len(gain), float(frequency.size))

@@ -18,8 +18,8 @@ def spectra(rng, size=1.0):
     return size * np.exp(2j * np.pi * rng.uniform(size=N))
 
 
-def noisy(rng, mean, sd):
-    return mean + sd * (rng.normal(size=(P, N)) + 1j * rng.normal(size=(P, N))) / np.sqrt(2)
+def noisy(rng, mean, sd, periods=P):
+    return mean + sd * (rng.normal(size=(periods, N)) + 1j * rng.normal(size=(periods, N))) / np.sqrt(2)
 
 
 @pytest.mark.parametrize(("gain", "delay"), [(1.0, 0.0), (2.0, 1.0), (-0.5, -3.3), (9.81, 10.0)])
@@ -54,6 +54,19 @@ def test_the_errors_are_those_of_the_scatter_and_a_null_raises_no_alarm(sd):
     spread = np.std(scores, axis=0)
     assert (spread > 0.75).all() and (spread < 1.25).all()  # the model's 1 % per line makes errors a little larger
     assert alarms == 0 and np.abs(scores).max() < LEVEL
+
+
+@pytest.mark.parametrize("periods", [2, 3, 5])
+def test_few_periods_of_noise_alone_are_no_misfit_and_no_gain(periods):
+    """The mean of 1 over a variance by P periods is (P - 1) / (P - 2): 5 % of noise had been a misfit of up to 5 %."""
+    misfits, scores = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        x = spectra(rng)
+        found = fit(noisy(rng, x, 0.05 * np.sqrt(periods), periods), [np.tile(x, (periods, 1))], F, RATE, True)
+        misfits.append(found.misfit)
+        scores.append((found.gain[0] - 1) / found.gain_se[0])
+    assert np.mean(np.square(misfits)) < 0.02**2 and 0.7 < np.std(scores) < 1.3
 
 
 def test_a_low_pass_is_told_from_a_delay_and_on_which_side_it_is():
