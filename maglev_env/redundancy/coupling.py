@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from estimation.lines.frequency_response import pooled_variance
 from maglev_env.channels import SHOWN_BY
 from maglev_env.loop.controller_forms import Pid, StateFeedback
 from maglev_env.loop.gains import Gains, controller_output, controller_response, gain_values, with_gains
@@ -108,7 +109,8 @@ def _integral(view: View, relation: Relation) -> _Integral | None:
     free = [v for term in relation.made.values() for v in (term, -1j * w * term)]
     back = relation.made["displacement"]
     _, coupled_left, _ = _squares(relation.out, [*free, -1j / w * back], weight)
-    size, left, se = _squares(relation.out, [*free, -(more * y.mean(axis=0)) / step], weight)
+    found, left, se = _squares(relation.out, [*free, -(more * y.mean(axis=0)) / step], weight)
+    size, se = _of_gain(found[-1], se, found[2 * list(relation.made).index("displacement")])
     if left > coupled_left + LEVEL**2 or abs(size) < LEVEL * se:
         return None
     return _Integral(gain, stated, stated + size, se, left < coupled_left - LEVEL**2)
@@ -270,7 +272,7 @@ def _plant(view: View) -> Relation | None:
 def _means(lines: Lines, name: str, made: Mapping[str, np.ndarray], against: str) -> Relation:
     """A relation of spectra (s, n)."""
     out = lines.parts[name]
-    variance = (out - sum(made.values())).var(axis=0, ddof=1) / len(out)
+    variance = pooled_variance((out - sum(made.values())).var(axis=0, ddof=1)) / len(out)
     return Relation(name, out.mean(axis=0), {n: v.mean(axis=0) for n, v in made.items()}, variance, against)
 
 
@@ -286,15 +288,21 @@ def _corner(frequency: np.ndarray, relation: Relation) -> tuple[float, float, st
     noise = 2.0 * out.size
     best = (0.0, 0.0, "")
     least = max((1 - EXPLAINS) * without, min(noise, without - LEVEL**2))
-    for who, lacks in {relation.name: -out, **relation.made}.items():
-        size, left, se = _squares(out, [*free, -1j / w * lacks], weight)
+    for i, (who, lacks) in enumerate({relation.name: -out, **relation.made}.items()):
+        found, left, se = _squares(out, [*free, -1j / w * lacks], weight)
+        size, se = _of_gain(found[-1], se, found[2 * (i - 1)] if i else 1.0)
         if left < least and size > 0:
             least, best = left, (size / (2 * np.pi), se / (2 * np.pi), who)
     return best
 
 
-def _squares(out: np.ndarray, parts: list[np.ndarray], weight: np.ndarray) -> tuple[float, float, float]:
-    """Least squares of spectra with real coefficients: the last one, the cost that is left, and that one's error."""
+def _of_gain(size: float, error: float, gain: float) -> tuple[float, float]:
+    """What a channel lacks and its error, where it enters with a gain, which is not 1 behind a wrong scale or sign."""
+    return (size / gain, error / abs(gain)) if gain else (0.0, error)
+
+
+def _squares(out: np.ndarray, parts: list[np.ndarray], weight: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Least squares of spectra with real coefficients: these, the cost that is left, and the error of the last one."""
     root = np.sqrt(weight)
     columns = np.stack(parts) * root
     scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
@@ -303,4 +311,4 @@ def _squares(out: np.ndarray, parts: list[np.ndarray], weight: np.ndarray) -> tu
     found, *_ = np.linalg.lstsq(real.T, wanted, rcond=None)
     left = float(((wanted - found @ real) ** 2).sum())
     error = np.sqrt(max(np.linalg.pinv(real @ real.T)[-1, -1], 0.0) * max(left / wanted.size, 0.5))
-    return float(found[-1] / scale[-1]), left, float(error / scale[-1])
+    return found / scale, left, float(error / scale[-1])

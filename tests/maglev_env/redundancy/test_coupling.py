@@ -32,6 +32,19 @@ def test_the_corner_and_its_channel_are_recovered(behind):
         assert name == behind and abs(corner - 3.0) < 5 * se + 0.05
 
 
+@pytest.mark.parametrize("scale", [0.5, 2.0, -1.0])
+@pytest.mark.parametrize("behind", ["command", "a", "b"])
+def test_a_wrong_scale_or_sign_beside_it_moves_no_corner(behind, scale):
+    rng = np.random.default_rng(4)
+    one = relation(rng, behind)
+    for changed in ("command", "a", "b"):
+        size = {name: scale if name == changed else 1.0 for name in ("command", "a", "b")}
+        made = {name: size[name] * values for name, values in one.made.items()}
+        out, variance = size["command"] * one.out, size["command"] ** 2 * one.variance
+        corner, se, name = _corner(F, Relation("command", out, made, variance, ""))
+        assert name == behind and abs(corner - 3.0) < 5 * se + 0.05
+
+
 def test_noise_gains_and_delays_have_no_corner():
     rng = np.random.default_rng(2)
     for _ in range(300):
@@ -50,6 +63,19 @@ def test_an_ac_coupled_column_of_a_recording_is_named(tmp_path):
         np.savez(folder / "base.npz", **(sound | {name: filtered}))
         found = next(f for f in examine(load_campaign(folder)) if f.code == code)
         assert found.channel == name and found.value == pytest.approx(2.0, rel=0.1) and repr(name) in found.message
+
+
+def test_a_wrong_scale_beside_an_ac_coupled_column_is_named_too(tmp_path):
+    """The corner was wrong by the scale's factor, and what was made of the channel without it hid the scale."""
+    folder = campaigns.campaign(tmp_path, names=("base",))
+    sound, pole = dict(np.load(folder / "base.npz")), np.exp(-2 * np.pi * 2.0 / 20000)
+    filtered = sound["displacement"] - lfilter([1 - pole], [1, -pole], sound["displacement"])
+    for scale in (0.5, -1.0):
+        np.savez(folder / "base.npz", **(sound | {"displacement": scale * filtered}))
+        found = examine(load_campaign(folder))
+        coupling = next(f for f in found if f.code == "filter")
+        assert coupling.channel == "displacement" and coupling.value == pytest.approx(2.0, rel=0.1)
+        assert any(f.code == ("sign" if scale < 0 else "scale") and f.channel == "displacement" for f in found)
 
 
 def test_slow_parts_that_a_record_without_a_period_lacks_are_told(tmp_path):
