@@ -38,9 +38,11 @@ def _row(view: View, e: Excitation) -> Row | None:
     if not size:
         return None
     samples, every = view.block
-    spectrum = np.zeros(samples // 2 + 1, complex)
-    spectrum[lines.harmonics * every] = mean * (samples / 2)
-    peak = float(np.abs(np.fft.irfft(spectrum, samples)).max())
+    # The peak is stated of the samples of the controller, and a slower recording misses it.
+    made = samples if view.rig is None else max(samples, round(samples * view.rig.control_rate / view.rate))
+    spectrum = np.zeros(made // 2 + 1, complex)
+    spectrum[lines.harmonics * every] = mean * (made / 2)
+    peak = float(np.abs(np.fft.irfft(spectrum, made)).max())
     sign = _sign(view, e, mean)
     amplitude = np.abs(mean)
     level = float(np.median(amplitude))
