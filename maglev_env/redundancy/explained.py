@@ -7,6 +7,7 @@ import numpy as np
 from maglev_env.loop.gains import reads_current
 from maglev_env.redundancy.cause import PARAMETERS, Cause, causes, two_causes
 from maglev_env.redundancy.finding import Finding, Kind
+from maglev_env.redundancy.newton import STIFFNESS
 from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
 
@@ -84,6 +85,9 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     mass = next((row.notes for row in off if "mass" in row.notes), None)
     if lead.name == "mass" and mass:
         factor, reach = mass["mass"], 2 * mass["mass_se"]
+    elif lead.name in ("mass", "actuator gain"):
+        # Noise is the least of it: two of the tolerance's four standard deviations, and all that the stiffness may do.
+        reach += (max(row.tolerance for row in off) + STIFFNESS) / 2 * abs(factor)
     says, code, value, interval = [], "scale", factor, (factor - reach, factor + reach)
     gained = lead.negative or any(row.gain_off() for row in off)
     if lead.negative and not any(abs(row.size) > row.tolerance + LEVEL * row.gain_se for row in off):
@@ -99,7 +103,7 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
                 says[-1] += (
                     f", or the stated mass is {_with_reach(mass['mass'], 2 * mass['mass_se'])} times what is shown"
                 )
-    if any(row.delay_off() for row in off):
+    if lead.name not in PARAMETERS and any(row.delay_off() for row in off):
         samples, error = lead.delay * view.rate, 2 * lead.delay_se * view.rate
         other = [c.name for c in channels if c.delay * lead.delay < 0]
         when, contrary = ("late", "early") if samples > 0 else ("early", "late")

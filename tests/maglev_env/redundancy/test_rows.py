@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from maglev_env.redundancy.cause import causes
-from maglev_env.redundancy.explained import _row
+from maglev_env.redundancy.explained import _row, explained
 from maglev_env.redundancy.rows import LEVEL, Row, fit, low_pass
 
 RATE, N, P = 1000.0, 80, 6
@@ -119,3 +119,19 @@ def test_of_two_channels_of_which_one_is_late_a_sentence_says_what_to_check():
                delay_effects=("delay",))  # fmt: skip
     said = _row(SimpleNamespace(rate=RATE, recording="run"), late).message
     assert "late by 3 samples against the command: check when each is sampled; it may be an effect (delay): run" in said
+
+
+def test_a_mass_that_a_row_alone_tells_is_known_as_the_row_is_and_makes_nothing_early():
+    """A mass of half the true one was 0.537 +- 0.005 times it: a row's noise is no measure of the stiffness in it."""
+    powers = {"displacement": 1, "current": -1, "mass": 1}
+    wrong = Row("newton current", powers, 0.537, 0.002, 0.4, "the current", -1e-7 / RATE, 1e-9 / RATE, 0.0)
+    held = [
+        Row("controller", {"command": 1, "displacement": -1}, 1.0, 1e-3, 0.01, "the controller"),
+        Row("amplifier", {"current": 1, "command": -1}, 1.0, 1e-3, 0.01, "the command"),
+    ]
+    view = SimpleNamespace(rate=RATE, recording="run", columns={}, recorded={"displacement"}, gains=None)
+    (found,) = explained(view, [wrong, *held])
+    assert found.channel == "mass" and "what is stated is 0.537 +- 0.1 times what is shown" in found.message
+    assert found.interval[0] < 0.5 < found.interval[1] and "early" not in found.message
+    told = replace(wrong, notes={"mass": 0.501, "mass_se": 0.01})
+    assert "0.501 +- 0.02 times" in explained(view, [told, *held])[0].message
