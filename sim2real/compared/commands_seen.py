@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import betaincinv, ndtr
 
 from sim2real.compared.problem import Problem
 from sim2real.recorded.open_record import OpenRecord
@@ -28,8 +29,8 @@ COUNTED = 10.0  # and by which it must where losses are counted: one in forty wo
 EXACT = 1e-7  # of the current's range: what rounding leaves where the rival explains all
 ALIKE = 0.15  # most difference of the shares that are lost after one that was lost and after one that was not
 CURRENT = "current"
-# Standard deviations of a counted share within which the probability is sought, and what a count is unsure by beside
-# chance: of four recordings it was off by 3 % at most.
+# Standard deviations, of a normal distribution, whose tails lie beyond the probabilities that are sought; and what a
+# count is unsure by beside chance: of four recordings it was off by 3 % at most.
 WITHIN, UNSURE = 2.5, 0.05
 
 
@@ -49,14 +50,20 @@ class _Looked:
 
 
 def share_lost(problem: Problem) -> tuple[float, float] | None:
-    """Least and greatest probability of a loss by what was counted; None where the recordings show none."""
+    """Least and greatest probability of a loss by what was counted; None where the recordings show none.
+
+    The ends are those under which as many or more, and as few or fewer, would be rare (Clopper and Pearson 1934).
+    """
     looked = [own for record in _able(problem) for own in record if own.likelier > LEAST]
     told = sum(own.told for own in looked)
     if told < FEWEST:
         return None
-    share = sum(own.lost for own in looked) / told
-    sd = float(np.hypot(np.sqrt(share * (1 - share) / told), UNSURE * share))
-    return max(share - WITHIN * sd, 0.0), share + WITHIN * sd
+    lost = sum(own.lost for own in looked)
+    share, rare = lost / told, ndtr(-WITHIN)
+    low = betaincinv(lost, told - lost + 1, rare) if lost else 0.0
+    high = betaincinv(lost + 1, told - lost, 1 - rare) if lost < told else 1.0
+    below, above = (float(np.hypot(by, WITHIN * UNSURE * share)) for by in (share - low, high - share))
+    return max(share - below, 0.0), min(share + above, 1.0)
 
 
 def seen_lost(problem: Problem) -> float:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import binom, norm
 
 from sim2real.compared import commands_seen
 from sim2real.compared.commands_seen import LEAST, LOST, UNSURE, WITHIN, _Looked, _looked, share_lost
@@ -55,6 +56,17 @@ def test_no_hypothesis_loses_more_commands_than_are_seen_lost(monkeypatch):
     assert h.point(h.bounded(u)).effects[LOST]["probability"] == pytest.approx(high)
     monkeypatch.setattr(commands_seen, "_able", lambda problem: [[_Looked(3.0, 400, 800)]])
     assert share_lost(None) is None
+
+
+@pytest.mark.parametrize("lost", [0, 1, 4, 200])
+def test_a_small_count_has_the_ends_of_its_binomial_distribution(monkeypatch, lost):
+    """Four of 4466 had "at most 9.0", of which four or fewer come in 5.5 % of cases, and none had no end at all."""
+    monkeypatch.setattr(commands_seen, "_able", lambda problem: [[_Looked(100.0, lost, 4466)]])
+    monkeypatch.setattr(commands_seen, "UNSURE", 0.0)
+    low, high = share_lost(None)
+    beyond = norm.cdf(-WITHIN)
+    assert binom.cdf(lost, 4466, high) == pytest.approx(beyond)
+    assert low == 0.0 if not lost else binom.sf(lost - 1, 4466, low) == pytest.approx(beyond)
 
 
 def steps(rng):
