@@ -88,7 +88,7 @@ def sweep(
     require_device(device, sensor)
     # What is asked for is right: now the imports that take longer.
     from maglev_lanes.schedule import workers
-    from maglev_workbench.commands.sweep.report import sweep_page, sweep_summary, sweep_tables
+    from maglev_workbench.commands.sweep.report import gain_sets, sweep_page, sweep_summary, sweep_tables
     from maglev_workbench.console import console, progress_bar, write_json
     from maglev_workbench.page import write_page
     from tuning.swept_sets import SweptSets
@@ -119,7 +119,7 @@ def sweep(
         console.print(part)
     rate = summary["experiments_per_second"]
     console.print(
-        f"{summary['n']} gain sets, {summary['feasible']} feasible; {seconds:.1f} s"
+        f"{gain_sets(summary['n'])}, {summary['feasible']} feasible; {seconds:.1f} s"
         + (f", {rate:.0f} experiments/s" if rate else "")
         + (f", {reused} reused from {folder}" if reused else "")
     )

@@ -208,11 +208,17 @@ def _goal_sections(sets: SweptSets, goal: Goal, rows: Sequence[Mapping[str, Any]
     ]
 
 
+def gain_sets(n: int) -> str:
+    """So many gain sets, in words."""
+    return f"{n} gain set{'' if n == 1 else 's'}"
+
+
 def _counts(sets: SweptSets) -> str:
     n, stable = len(sets), int(sets["feasible"].sum())
     touched = int((~np.isnan(sets["touchdown_time"])).sum())
     return (
-        f"{stable} of {n} gain sets are feasible; {touched} ({100 * touched / n:.0f} %) touched down, "
+        f"{stable} of {gain_sets(n)} {'is' if n == 1 else 'are'} feasible; {touched} "
+        f"({100 * touched / n:.0f} %) touched down, "
         f"{n - stable - touched} more have an unstable loop"
     )
 

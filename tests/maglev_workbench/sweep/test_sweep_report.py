@@ -10,7 +10,7 @@ import xarray as xr
 from rich.console import Console
 
 from maglev_env.evaluation.score import WEIGHTS
-from maglev_workbench.commands.sweep.report import best_rows, sweep_page, sweep_summary, sweep_table
+from maglev_workbench.commands.sweep.report import best_rows, gain_sets, sweep_page, sweep_summary, sweep_table
 from maglev_workbench.page import number, page, with_interval, write_page
 from tuning.swept_sets import SweptSets
 
@@ -153,8 +153,9 @@ def test_scattered_sets_give_points():
 
 
 def test_one_gain_set():
+    assert gain_sets(1) == "1 gain set" and gain_sets(4) == "4 gain sets"
     html = sweep_page(swept(GRID[:1]))
-    assert "1 of 1 gain sets are feasible" in html
+    assert "1 of 1 gain set is feasible" in html
     assert "Maps over" not in html
 
 
