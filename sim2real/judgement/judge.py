@@ -83,8 +83,12 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     # Ommen, Bayesian Analysis 12, 2017), as standard errors are widened by its root.
     excused = _excused(forms, best, belief)
     of_data = costs - strain
-    apart = (of_data - of_data.min()) / evidence.dispersion.ratio(excused)
-    likelihood = -0.5 * belief.freedom * np.log1p(apart / scale)
+    # What the mains and the rotation make on lines of their own is no matter of form.
+    of_tones = np.array([_left_of_known(names, evidence) for names, *_ in rows])
+    nearest = int(np.argmin(of_data))
+    beside = of_tones - of_tones[nearest]
+    apart = (of_data - of_data[nearest] - beside) / scale + beside / belief.freedom
+    likelihood = -0.5 * belief.freedom * np.log1p(np.maximum(apart, 0.0) / evidence.dispersion.ratio(excused))
     likelihood -= belief.form_cost * np.log(np.maximum(scale / (belief.freedom + WIDE_FORM * gap), 1.0))
     logs = np.log([prior for *_, prior, _ in rows]) + _as_excused(likelihood, of_data, scale, strain) - 0.5 * strain
     # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, or of
@@ -301,6 +305,13 @@ def _named(tones: Mapping[str, float], evidence: Evidence) -> list[tuple[tuple[s
             for effect, off in causes
         ]
     return named
+
+
+def _left_of_known(names: tuple[str, ...], evidence: Evidence) -> float:
+    """What these effects leave of the tones of the mains and of the rotation."""
+    left = 0.0 if "pickup" in names else evidence.tones.get("pickup", 0.0)
+    own = [off for effect, off in evidence.spin.items() if effect in names]
+    return left + min([evidence.tones.get("spin", 0.0), *own])
 
 
 def _joined(base: tuple[str, ...], added: tuple[str, ...]) -> tuple[str, ...]:

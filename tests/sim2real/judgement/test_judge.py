@@ -264,6 +264,15 @@ def test_pickup_beside_an_effect_is_a_pair():
     assert verdict(found) == ("explained", ("delay", "pickup"))
 
 
+@pytest.mark.parametrize("tone", ["pickup", "runout"])
+def test_no_form_of_an_effect_excuses_a_tone(tone):
+    """Another form of the friction might leave ten times what the tone weighs, on lines of the excitation."""
+    tones, spin = ({"pickup": 5e3}, {}) if tone == "pickup" else ({"spin": 5e3}, {"runout": 0.0, "unbalance": 4e3})
+    loud = replace(gap(1e6, friction=0.0), tones=tones, spin=spin)
+    assert allowance(loud) > 10 * 5e3
+    assert judged(loud) == ("explained", ("friction", tone))
+
+
 @pytest.mark.parametrize("tone", ["pickup", "unbalance"])
 def test_a_tone_of_known_lines_stands_beside_a_pair(tone):
     """A rotor that turns is out of balance, whatever else is off. A needless second effect is not named for that."""
