@@ -231,7 +231,7 @@ def test_a_full_disk_in_the_middle_of_the_work_says_how_to_go_on(tmp_path, monke
     said = maglev("sweep", "--kp", "8000", "--out", tmp_path / "s", code=2)
     assert "No space left on device; nothing that was finished is lost: make room" in said
     monkeypatch.undo()
-    assert "1 gain sets" in maglev("sweep", "--kp", "8000", "--out", tmp_path / "s")
+    assert "1 gain set is" in maglev("sweep", "--kp", "8000", "--out", tmp_path / "s")
 
 
 @pytest.mark.slow

@@ -298,8 +298,8 @@ MUTANTS = (
         "The judge takes differences of cost for differences of log-likelihood, twice what they are.",
         (
             (
-                "likelihood = -0.5 * belief.freedom * np.log1p(apart / scale)",
-                "likelihood = -belief.freedom * np.log1p(apart / scale)",
+                "likelihood = -0.5 * belief.freedom * np.log1p(np.maximum",
+                "likelihood = -belief.freedom * np.log1p(np.maximum",
             ),
         ),
         ("test_judge.py",),

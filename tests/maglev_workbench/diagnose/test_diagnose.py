@@ -108,8 +108,8 @@ def test_the_command_writes_page_data_and_corrected_rig(tmp_path, monkeypatch):
 def test_a_named_effect_is_said_with_its_error_and_drawn_in_its_block(diagnosed):
     _, found = diagnosed
     text, page = shown(found), diagnose_page(found)
-    assert re.search(r"explained by delay \(\d\d %\), in the controller; time 7\d\.\d+ \+- \d\.\d+ µs", text)
-    assert re.search(r"explained by delay \(\d\d %\), in the controller; time 7\d\.\d+ ± \d\.\d+ µs", page)
+    assert re.search(r"explained by delay \((> )?\d\d %\), in the controller; time 7\d\.\d+ \+- \d\.\d+ µs", text)
+    assert re.search(r"explained by delay \((&gt; |> )?\d\d %\), in the controller; time 7\d\.\d+ ± \d\.\d+ µs", page)
     svg = loop_diagram(found, found.cause)
     blamed = re.findall(r'font-weight="700">(\w+)<', svg)
     assert blamed == ["delay"] and "controller + amplifier" in svg
