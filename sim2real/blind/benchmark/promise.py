@@ -1,8 +1,8 @@
 """Does what a diagnosis asks for decide? Recordings that answers propose, made on the true rigs and diagnosed again."""
 
 import random
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +18,7 @@ from sim2real.blind.judging.judging import size_range
 
 MOST = 2  # recordings that are made
 OPEN = ("ambiguous", "unexplained")
+Advice = Mapping[str, Any]  # next_experiments of a diagnosis, as JSON data
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ def asked(case: Case, answer: Answer) -> bool:
 def try_both(case: Case, diagnosis: Mapping[str, Any], seed: int, count: int, diagnose: Diagnose) -> dict[str, Tried]:
     """Make what is proposed, and beside it what a random choice from the same menu asks for.
 
+    As on a bench, the second recording is the one that the diagnosis with the first one asks for.
+
     Args:
         case: Of an open set.
         diagnosis: Its answer's, as JSON data.
@@ -50,36 +53,44 @@ def try_both(case: Case, diagnosis: Mapping[str, Any], seed: int, count: int, di
         count: Of the set.
         diagnose: Diagnoses a campaign folder, as JSON data.
     """
-    asked_for = diagnosis.get("next_experiments") or {"proposals": [], "menu": []}
-    number = int(case.id[1:])
-    made = make(plan(count, seed)[number - 1], seed)
-    of = next((p["of"] for p in asked_for["proposals"]), "")
-    drawn = list(asked_for["menu"])
-    random.Random(f"{seed} {number}").shuffle(drawn)
+    made = make(plan(count, seed)[int(case.id[1:]) - 1], seed)
+    rng = random.Random(f"{seed} {case.id}")
+
+    def drawn(advice: Advice) -> Advice:
+        of = next((p["of"] for p in advice["proposals"]), "")
+        return {**advice, "proposals": [{**one, "of": of} for one in rng.sample(advice["menu"], len(advice["menu"]))]}
+
+    advice = diagnosis.get("next_experiments")
     return {
-        "proposed": _tried(case, made, asked_for["proposals"][:MOST], of, seed, diagnose),
-        "random": _tried(case, made, drawn[:MOST], of, seed, diagnose),
+        "proposed": _tried(case, made, advice, lambda own: own, seed, diagnose),
+        "random": _tried(case, made, advice, drawn, seed, diagnose),
     }
 
 
 def _tried(
-    case: Case, made: Made, choices: Sequence[Mapping[str, Any]], of: str, seed: int, diagnose: Diagnose
+    case: Case, made: Made, advice: Advice | None, by: Callable[[Advice], Advice], seed: int, diagnose: Diagnose
 ) -> Tried:
     rows, what, verdicts = recorded(made, seed), [], []
-    for number, choice in enumerate(choices, 1):
+    asked_for = list(by(advice)["proposals"]) if advice else []
+    while asked_for and len(what) < MOST:
+        choice = asked_for.pop(0)
         what.append(choice["what"])
         try:
-            rows.append(again(made, of, choice["change"], number, seed))
+            rows.append(again(made, choice.get("of", ""), choice["change"], len(what), seed))
         except LoopFailed:
             verdicts.append("touchdown")
             continue
+        made = replace(made, recordings=[*made.recordings, rows[-1].recording])
         with TemporaryDirectory(prefix="maglev-") as folder:
             campaign = Path(folder) / case.id
             write_campaign(campaign, made.truth.rig, case.channels, rows)
-            answer = parse_diagnosis(diagnose(campaign), 0.0, "")
+            found = diagnose(campaign)
+        answer = parse_diagnosis(found, 0.0, "")
         verdicts.append(answer.verdict)
         if told(judged_with_rivals(case, answer)):
-            return Tried(tuple(what), tuple(verdicts), number)
+            return Tried(tuple(what), tuple(verdicts), len(what))
+        if (new := found.get("next_experiments")) and new["proposals"]:
+            asked_for = [one for one in by(new)["proposals"] if one["what"] not in what]
     return Tried(tuple(what), tuple(verdicts), None)
 
 

@@ -104,3 +104,25 @@ def test_recordings_are_added_until_the_truth_alone_is_named(made, monkeypatch):
     both = list(found.values())
     assert (share_decided(both, 1), share_decided(both, 2)) == (0.0, 0.5)
     assert [recordings_made(t) for t in both] == [2, 2]
+
+
+def test_the_second_recording_is_the_one_that_the_diagnosis_with_the_first_asks_for(made, monkeypatch):
+    """It repeats the new one, at other gains in place of what the first plan went on with."""
+    gains = {"what": "other gains", "change": {"gains": [0.8, 1.3]}, "of": "next1.npz"}
+
+    def diagnose(folder):
+        done = (folder / "next2.npz").is_file()
+        cause = ["delay"] if done else ["delay", "amplifier_lag"]
+        which = [{"effects": [name], "probability": 1 / len(cause)} for name in cause]
+        shown = {"schema": "maglev-diagnosis/1", "verdict": "explained" if done else "ambiguous", "cause": cause}
+        asked = {"proposals": [gains], "menu": [gains]}
+        return {**shown, "which": which, "where": {"blocks": {}}, "gap": {}, "next_experiments": asked}
+
+    monkeypatch.setattr(promise, "make", lambda case, seed: made)
+    monkeypatch.setattr(promise, "plan", lambda count, seed: [made.case])
+    case = Sealed("c0001", "single", "stand", "no_force", frozenset({"delay"}), 5.0, frozenset({0.0}), {})
+    louder = {"what": "louder", "change": {"amplitude": 2.0}, "of": "record1.npz"}
+    moved = {"what": "elsewhere", "change": {"offset": 1e-5}, "of": "record1.npz"}
+    asked = {"proposals": [louder, moved], "menu": [louder]}
+    found = try_both(case, {"next_experiments": asked}, 5, 1, diagnose)
+    assert found["proposed"] == Tried(("louder", "other gains"), ("ambiguous", "explained"), 2)
