@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from estimation.lines.line_windows import WIDTH
-from estimation.lines.tones import FALSE_ALARM, NEIGHBOURS, Tone, tone_at
-from maglev_env.experiment import Experiment, axis_experiment
+from estimation.lines.tones import Tone, tone_at
+from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
-from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.open_tones import log_chances, residual_of, tones_in
 from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
+from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak, resolution_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
@@ -21,13 +20,11 @@ from sim2real.recorded.tones import HARMONICS, NEAR, ON_LINE, SAME, families, or
 
 FOREIGN, LOUD = "foreign", "loud"
 AROUND = 12  # lines on either side above which a tone on a line must stand out
-NO_TANGENT = {name for name, card in EFFECTS.items() if not card.linear}
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
 # Octaves from a fitted mode within which a tone is attributed to its ringing: at most, and per damping ratio.
 RINGING, RINGING_WIDTHS = 0.25, 8.0
 SURE = 5.0  # standard errors by which a tone's frequency is off at most
 SHIFTED = 0.1  # bins of the resolution within which a tone lies where the drive shifts another one
-PEAK = 1.5  # times the mean power of the response over a window from which a line of it is part of a peak
 HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
 
@@ -97,7 +94,7 @@ def _foreign_elsewhere(problem: Problem, found: list[Sighting]) -> list[Sighting
     def named(s: Sighting) -> Sighting:
         if s.family in (FOREIGN, LOUD) or any(k.family == s.family and k.chi2 > s.chi2 for k in found):
             return s
-        off = SAME * _resolution(problem.parts[s.record].record)
+        off = SAME * resolution_of(problem.parts[s.record].record)
         same = [
             k for k in found if k.family == FOREIGN and k.record != s.record and abs(k.frequency - s.frequency) < off
         ]
@@ -120,7 +117,7 @@ def _higher_harmonics(problem: Problem, found: list[Sighting]) -> list[Sighting]
 
     def named(s: Sighting) -> Sighting:
         record = problem.parts[s.record].record
-        off = SAME * _resolution(record)
+        off = SAME * resolution_of(record)
         for name, (first, *_) in families(record.experiment.speed_rpm).items():
             order = round(s.frequency / first)
             near = abs(s.frequency - order * first) < off + NEAR * s.frequency
@@ -142,7 +139,7 @@ def _mixed(problem: Problem, found: list[Sighting]) -> list[Sighting]:
         record = problem.parts[s.record].record
         if s.family != FOREIGN or isinstance(record, OpenRecord):
             return s
-        spacing, off = record.experiment.fundamental, SHIFTED * _resolution(record)
+        spacing, off = record.experiment.fundamental, SHIFTED * resolution_of(record)
         clearer = [k for k in found if k.record == s.record and k.family not in (FOREIGN, LOUD) and k.chi2 > s.chi2]
         for known in sorted(clearer, key=lambda k: -k.chi2):
             apart = (abs(s.frequency - known.frequency), s.frequency + known.frequency)
@@ -170,7 +167,7 @@ def _within(problem: Problem, s: Sighting, others: Collection[str]) -> Sighting 
     """A sighting renamed to another family that has a tone close enough; None if there is none."""
     record = problem.parts[s.record].record
     e = record.experiment
-    off = SAME * _resolution(record) if isinstance(record, OpenRecord) else ON_LINE * e.fundamental
+    off = SAME * resolution_of(record) if isinstance(record, OpenRecord) else ON_LINE * e.fundamental
     for name, tones in families(e.speed_rpm).items():
         for harmonic, f in enumerate(tones, 1):
             if name in others and abs(s.frequency - f) < off + NEAR * f:
@@ -183,12 +180,12 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
     if not record.tones:
         return []
     speed = record.experiment.speed_rpm
-    resolution = _resolution(record)
+    resolution = resolution_of(record)
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution * _told(record, tone)) or FOREIGN
         if not name.startswith("spin") and _rings(part, point, tone.frequency):
             continue  # noise that excites a lightly damped mode
-        if _is_noise_at_peak(record, point, tone):
+        if noise_at_peak(record, point, tone):
             continue
         harmonic = 1
         if name != FOREIGN:
@@ -207,40 +204,6 @@ def _rings(part: Part, point: Point, frequency: float) -> bool:
     modes = modes_of(with_own(point, part.record.nominal))
     near = ((mode["frequency"], min(RINGING, RINGING_WIDTHS * mode["damping_ratio"])) for mode in modes)
     return any(abs(np.log2(frequency / f)) < within for f, within in near)
-
-
-def _is_noise_at_peak(record: Record | OpenRecord, point: Point, tone: Tone) -> bool:
-    """Whether a tone may be noise that is louder at its frequency than the level from which it stands out.
-
-    That level is told over a window of lines, or is the median of those between the harmonics. A rotor on springs
-    answers the lines at its resonance far more than it does that window, and its closed loop leaves next to nothing of
-    the noise there, so that about it the median is far below the noise.
-    """
-    e = experiment_at(record.experiment, _linear(point))
-    rise = max(_rise(record, axis_experiment(e, axis), tone.frequency) for axis in range(record.axes))
-    lines = record.windows.count * WIDTH if isinstance(record, OpenRecord) else record.series["displacement"].shape[1]
-    chance = stats.chi2.logsf(tone.chi2 / rise, 2 * record.axes)
-    return bool(rise > PEAK and chance + np.log(lines) > np.log(FALSE_ALARM))
-
-
-def _rise(record: Record | OpenRecord, e: Experiment, frequency: float) -> float:
-    """Power of the noise at a frequency (Hz) over that of the lines from which its level is told, of one axis: of the
-    reading's or of forces, in whichever it is more."""
-    if isinstance(record, OpenRecord):
-        spacing = record.windows.sample_rate / record.windows.samples
-        lines = frequency + np.arange(-(WIDTH // 2), WIDTH // 2 + 1) * spacing
-        power = abs(loop_response(e, np.array([frequency, *lines[lines > 0]])).plant) ** 2
-        return float(power[0] / power[1:].mean())
-    # Mirrored at zero, as the median is.
-    lines = frequency + np.arange(-NEIGHBOURS, NEIGHBOURS + 1) * _resolution(record) * record.count / (record.count - 1)
-    r = loop_response(e, np.array([frequency, *np.maximum(abs(lines), _resolution(record))]))
-    powers = (abs(own) ** 2 for own in (r.sensitivity, r.receptance))
-    return max(float(power[0] / np.median(power[1:])) for power in powers)
-
-
-def _linear(point: Point) -> Point:
-    """A point without the effects that have no tangent."""
-    return replace(point, effects={name: v for name, v in point.effects.items() if name not in NO_TANGENT})
 
 
 def _told(record: Record | OpenRecord, tone: Tone) -> float:
@@ -285,14 +248,6 @@ def _at_open(index: int, record: OpenRecord, point: Point, f: float, family: str
     return [Sighting(index, family, 1, f, size, size / np.sqrt(max(chi2, 1e-300)), receptance, chi2)]
 
 
-def _resolution(record: Record | OpenRecord) -> float:
-    """Distance (Hz) of frequencies that a record tells apart."""
-    if isinstance(record, OpenRecord):
-        return record.windows.sample_rate / record.windows.samples
-    e = record.experiment
-    return e.fundamental / (record.series["displacement"].shape[1] / e.recorded_per_period)
-
-
 def _opened(
     record: Record | OpenRecord,
     point: Point,
@@ -309,7 +264,7 @@ def _opened(
     at, amplitude = np.array([frequency]), reading if opened is None else opened
     sizes, receptances = [], []
     for axis, size in enumerate(np.abs(amplitude)):
-        e = axis_experiment(experiment_at(record.experiment, _linear(point)), axis)
+        e = axis_experiment(experiment_at(record.experiment, linear(point)), axis)
         r = loop_response(e, at)
         back = abs(1 + r.plant * r.controller)[0]
         if opened is not None:  # as at the nominal rig

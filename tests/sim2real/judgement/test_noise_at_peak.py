@@ -1,0 +1,47 @@
+"""Lines of noise that are louder than the level from which a tone would stand out there."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimation.lines.line_windows import LineWindows
+from estimation.lines.tones import Tone
+from maglev_env.experiment import Experiment
+from maglev_env.linear.loop import loop_response
+from maglev_env.rig.excitation import Excitation
+from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import NOMINAL
+from sim2real.judgement import noise_at_peak as module
+from sim2real.judgement.noise_at_peak import noise_at_peak
+from sim2real.recorded.open_record import OpenRecord
+
+
+@pytest.mark.parametrize(("off", "chi2", "noise"), [(1.0, 60.0, True), (1.5, 60.0, False), (1.0, 2000.0, False)])
+def test_a_tone_at_a_resonance_narrower_than_a_window_must_exceed_the_noise_there(off, chi2, noise):
+    """White forces make the lines at the peak of a rotor on springs louder than those about them; where
+    one in 100,000 records may show a tone by noise, chi-square 60 is none there, and one elsewhere."""
+    rig = replace(load_rig("eframe"), support_stiffness=40e3, support_damping=4.0, mass=0.3)
+    e, windows = Experiment(rig, rig.gains, ()), LineWindows(5000, rig.control_rate / 5, 1, 20)
+    record = OpenRecord("", "fit", rig, e, {}, {}, np.zeros((1, 0)), np.zeros((1, 0)), 0, windows)
+    f = np.arange(20.0, 80.0, 0.05)
+    peak = f[abs(loop_response(e, f).plant).argmax()]
+    assert noise_at_peak(record, NOMINAL, Tone(off * peak, {}, chi2)) == noise
+
+
+@pytest.mark.parametrize(("least", "noise"), [(0.05, True), (1.0, False)])
+def test_between_harmonics_a_notch_of_the_sensitivity_hides_no_noise_beside_it(least, noise, monkeypatch):
+    """A rotor on springs leaves next to nothing of its probe's noise about its resonance. A line beside that stands far
+    above the median of its neighbours, by noise alone."""
+
+    def notched(_, f):
+        return SimpleNamespace(sensitivity=np.where(abs(f - 33.0) < 22.0, least, 1.0), receptance=np.ones_like(f))
+
+    monkeypatch.setattr(module, "loop_response", notched)
+    rig = load_rig("eframe")
+    e = Experiment(rig, rig.gains, (Excitation("multisine", "current", 4.0, (1, 3, 5), 0.1),))
+    series = {"displacement": np.zeros((1, 5 * e.samples_per_period))}
+    record = SimpleNamespace(experiment=e, series=series, count=5, axes=1)
+    assert noise_at_peak(record, NOMINAL, Tone(10.0, {}, 60.0)) == noise
+    assert not noise_at_peak(record, NOMINAL, Tone(35.0, {}, 60.0))
