@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sim2real.compared.bench_noise import BenchNoise, over_stated_in_words
+from sim2real.compared.bench_noise import BenchNoise
 from sim2real.compared.open_tones import toned
 from sim2real.compared.problem import Problem
 from sim2real.judgement.belief import Judge
@@ -63,21 +63,18 @@ def attributed(
             fitted, attribution = again, attribute(again, progress, attribution, _reach(attribution))
         else:
             again = fitted
+    notes = []
     if bounded := [p.record.name for p in again.parts if bench.reached(p.record, p.opened.outputs, p.noise)]:
-        note = (
+        notes.append(
             f"{', '.join(bounded)}: what is left exceeds the noise that the recordings with a period show; it is "
             "taken for a gap, not for noise"
         )
     elif louder > LOUDER:
-        note = (
+        notes.append(
             f"errors at single moments, as at steps or kicks: the noise is taken as {louder:.2g} times as large as "
             "it looks"
         )
-    else:
-        note = ""
-    opened = [(p.record, p.opened.outputs, p.noise) for p in fitted.parts if isinstance(p.record, OpenRecord)]
-    notes = [note, over_stated_in_words(opened) if not bench.shown else ""]
-    return fitted, judged, attribution, [n for n in notes if n]
+    return fitted, judged, attribution, notes
 
 
 def _reach(attribution: Attribution) -> np.ndarray:

@@ -11,7 +11,7 @@ from maglev_env.recordings.campaign import Campaign
 from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
-from sim2real.compared.bench_noise import BenchNoise, bench_noise
+from sim2real.compared.bench_noise import BenchNoise, bench_noise, louder_in_words, louder_than_stated
 from sim2real.compared.commands_seen import SEEN, seen_lost
 from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned
@@ -67,6 +67,8 @@ def diagnose(
     fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)
     notes += of_noise
+    loud = {} if bench.shown else louder_than_stated((p.record, p.opened.outputs, p.noise) for p in fitted.parts)
+    notes += louder_in_words(loud)
     progress("judging")
     weighed = _weighed(records, fitted, attribution)
     notes = [*weighed.notes, *notes]
@@ -136,6 +138,7 @@ def diagnose(
         leftover=left,
         tempering=weighed.tempering,
         free=free,
+        loud=loud,
         unseen=tuple(name for name in EFFECTS if name in hidden),
         likely=tuple(likely),
         rareness=rare,

@@ -83,9 +83,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no_gap":
         sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)
         if far := _far(diagnosis):
-            return f"No effect is needed ({percent(sure)}), but the rig is not as stated: {', '.join(far)}."
+            stated = f"but the rig is not as stated: {', '.join(far)}"
+            return f"No effect is needed ({percent(sure)}), {stated}{_loud(diagnosis)}."
         clear = f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})"
-        return f"{clear}{_from_current(diagnosis)}{_off_balance(diagnosis)}."
+        return f"{clear}{_from_current(diagnosis)}{_off_balance(diagnosis)}{_loud(diagnosis)}."
     left, unknown = diagnosis.leftover, probability.get((UNKNOWN,), 0.0)
     # Where the holdout refutes what is most probable, an unknown cause need not have become that.
     refuted = diagnosis.which[0].effects != (UNKNOWN,)
@@ -135,6 +136,14 @@ def _from_current(diagnosis: Diagnosis) -> str:
 def _off_balance(diagnosis: Diagnosis) -> str:
     """What the means contradict although the motion shows nothing; as the end of a sentence."""
     return "" if diagnosis.off_balance is None else f" in the motion; but {diagnosis.off_balance}"
+
+
+def _loud(diagnosis: Diagnosis) -> str:
+    """That what passes for noise is louder than the rig states, as the end of a sentence."""
+    if not diagnosis.loud:
+        return ""
+    times = f"{max(diagnosis.loud.values()):.2g} times as loud as the noise that the rig states"
+    return f"; but what passes for noise is {times}, and no recording repeats to tell"
 
 
 def tempered(diagnosis: Diagnosis) -> str:

@@ -1,7 +1,7 @@
 """What a diagnosis found, and its JSON."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,8 @@ class Diagnosis:
         late: The clear time between displacement and drive that this has taken up; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
+        loud: Recording -> how many times as loud as the rig states is what the best explanation leaves, where that is
+            much and nothing repeats that would tell noise from what an effect leaves.
         off_balance: What the mean of a recording lacks of carrying the weight, where that is much but no evidence, as a
             clause.
     """
@@ -97,6 +99,7 @@ class Diagnosis:
     late: Late | None = None
     gap_of_named: Gap | None = None
     off_balance: str | None = None
+    loud: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"

@@ -7,7 +7,7 @@ the rotor (see `recorded.opened`): it belongs to the bench, and not to what driv
 reading of a force belongs to the recordings which that force drives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,19 +97,26 @@ def over_stated(record: OpenRecord, outputs: Sequence[str], noise: np.ndarray) -
 NO_BOUND = BenchNoise({})
 
 
-def over_stated_in_words(parts: Sequence[tuple[OpenRecord, Sequence[str], np.ndarray]]) -> str:
-    """A note on recordings, with their outputs and noise (outputs, axes, n), of a campaign that repeats nowhere, which
-    are louder than the rig states; empty if none is.
+def louder_than_stated(parts: Iterable[tuple[Record | OpenRecord, Sequence[str], np.ndarray]]) -> dict[str, float]:
+    """Recording -> how many times as loud its noise is as the rig states, where that is more than OVER_STATED.
+
+    Args:
+        parts: Recordings with their outputs and noise (outputs, axes, n), of a campaign that repeats nowhere.
     """
-    each = {record.name: over_stated(record, outputs, noise) for record, outputs, noise in parts}
-    loud = {name: ratio for name, ratio in each.items() if ratio > OVER_STATED}
+    opened = [(record, outputs, noise) for record, outputs, noise in parts if isinstance(record, OpenRecord)]
+    each = {record.name: over_stated(record, outputs, noise) for record, outputs, noise in opened}
+    return {name: ratio for name, ratio in each.items() if ratio > OVER_STATED}
+
+
+def louder_in_words(loud: Mapping[str, float]) -> list[str]:
+    """A note on recordings that are louder than the rig states (see `louder_than_stated`); none where none is."""
     if not loud:
-        return ""
-    return (
+        return []
+    return [
         f"{', '.join(loud)}: what is left is {max(loud.values()):.2g} times as loud as the noise that the rig states, "
         "and no recording repeats, which would tell noise from what an effect leaves: record periods of a multisine, "
         "or state the noise as it is"
-    )
+    ]
 
 
 def bench_noise(records: Sequence[Record | OpenRecord]) -> BenchNoise:

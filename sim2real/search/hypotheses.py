@@ -83,10 +83,10 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
 FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 # A stated tolerance is also a prior of the effect that changes the same parameter. The effect stands for a parameter
 # that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
-# more than EXCLUDED of these contradicts what the rig states: in a pair it is not an explanation, and an effect alone
-# soon becomes none. Its cost grows by STEEP times the square of what exceeds them, because of two effects that explain
-# as much, at 15.3 and 14.1 tolerances, neither is much less probable.
-WIDER, EXCLUDED, STEEP = 5.0, 3.0, 30.0
+# more than EXCLUDED of these begins to contradict what the rig states. Its cost grows by STEEP times the square of what
+# exceeds them, because of two effects that explain as much, at 15.3 and 14.1 tolerances, neither is much less probable.
+# More than IMPOSSIBLE of these is no explanation in a pair, in which nearly everything would seem to explain.
+WIDER, EXCLUDED, IMPOSSIBLE, STEEP = 5.0, 3.0, 4.0, 30.0
 STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
 NEARLY = 0.999  # share of that change at which a fit that may not go farther stands at the end
 # A lag of another time constant than stated is still one pole, but these effects add a second one. So beside such an
@@ -158,7 +158,7 @@ class Hypothesis:
         low, high = self.seen.get(c.effect, (-inf, inf))
         c = replace(c, low=max(c.low, low), high=min(c.high, high))
         sd = self._prior_sd(c) if len(self.effects) > 1 else None
-        most = inf if sd is None else EXCLUDED * sd
+        most = inf if sd is None else IMPOSSIBLE * sd
         return replace(c, low=max(c.low, c.centre - most), high=min(c.high, c.centre + most))
 
     @cached_property
@@ -212,9 +212,10 @@ class Hypothesis:
 
     def contradicted(self, u: np.ndarray) -> tuple[str, ...]:
         """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
-        far = ((c, sd) for c, v in zip(self.coordinates, u, strict=False)
-               if (sd := self._prior_sd(c)) and abs(c.value(float(v)) - c.centre) > NEARLY * EXCLUDED * sd)  # fmt: skip
-        return tuple(c.effect for c, _ in far)
+        most = NEARLY * IMPOSSIBLE
+        at = zip(self.coordinates, u, strict=False)
+        moved = ((c, abs(c.value(float(v)) - c.centre), self._prior_sd(c)) for c, v in at)
+        return tuple(c.effect for c, size, sd in moved if sd and size > most * sd)
 
     def beyond_stated(self, u: np.ndarray) -> float:
         """Cost of what exceeds EXCLUDED at coordinates u; 0 where nothing contradicts a stated tolerance."""

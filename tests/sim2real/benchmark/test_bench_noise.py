@@ -13,7 +13,7 @@ from sim2real.blind.benchmark.drives import draw_drive
 from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import Recorded, write_campaign
-from sim2real.compared.bench_noise import NO_BOUND, bench_noise, over_stated, over_stated_in_words
+from sim2real.compared.bench_noise import NO_BOUND, bench_noise, louder_in_words, louder_than_stated, over_stated
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
 from sim2real.recorded.open_record import OpenRecord
@@ -85,7 +85,8 @@ def test_what_is_louder_than_stated_is_said_where_nothing_repeats(tmp_path, time
     (part,) = assemble(records).parts
     ratio = over_stated(part.record, part.opened.outputs, part.noise)
     assert ratio == pytest.approx(times, rel=0.15)
-    words = over_stated_in_words([(part.record, part.opened.outputs, part.noise)])
-    assert words.startswith("noise.npz: what is left is ") if said else words == ""
+    loud = louder_than_stated([(part.record, part.opened.outputs, part.noise)])
+    assert loud == ({"noise.npz": ratio} if said else {})
+    assert [words[:27] for words in louder_in_words(loud)] == (["noise.npz: what is left is "] if said else [])
     silent = replace(part.record, nominal=replace(part.record.nominal, noise=Noise()))
     assert np.isnan(over_stated(silent, part.opened.outputs, part.noise))

@@ -16,7 +16,16 @@ from sim2real.free.kinds import Sizes, freed
 from sim2real.search import attribute
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.fit import Fit
-from sim2real.search.hypotheses import EXCLUDED, FORM_SHARE, STEEP, WIDER, Hypothesis, added_lag, single_effects
+from sim2real.search.hypotheses import (
+    EXCLUDED,
+    FORM_SHARE,
+    IMPOSSIBLE,
+    STEEP,
+    WIDER,
+    Hypothesis,
+    added_lag,
+    single_effects,
+)
 
 HEAVY = Bench(gain=0.3, stiffness=0.3)  # without a force, the same as a mass that is smaller by 23 %
 
@@ -49,7 +58,7 @@ def test_a_tolerance_is_a_row_of_the_least_squares():
     assert h.calibrated == ("probe_gain",)
     assert h.prior == pytest.approx([(0.1 / (WIDER * 0.002)) ** 2, 0.0, 1.0])  # a unit of u is 10 % of mass
     assert h.contradicted(np.array([-3.3, 5.0, 0.0])) == ("mass",)
-    inside = 0.99 * EXCLUDED * WIDER * 0.002 / 0.1
+    inside = 0.99 * IMPOSSIBLE * WIDER * 0.002 / 0.1
     assert h.contradicted(np.array([inside, 5.0, 0.0])) == ()
     free = Hypothesis(("mass",), {})
     assert not free.prior.any() and free.contradicted(np.array([-3.3])) == ()
@@ -72,7 +81,7 @@ def test_a_tolerance_is_about_what_the_rig_s_own_effect_makes_of_the_parameter()
     u = corrected.coordinates[0].at(1.2 * 1.01 - 1)  # the own gain, and 1 % more
     assert corrected.prior[0] * u**2 == pytest.approx(plain.prior[0] * 0.1**2)
     for h, gain in ((plain, 1.0), (corrected, 1.2)):
-        lowest, highest = ((1 + side * EXCLUDED * WIDER * 0.01) * gain - 1 for side in (-1, 1))
+        lowest, highest = ((1 + side * IMPOSSIBLE * WIDER * 0.01) * gain - 1 for side in (-1, 1))
         assert [h.coordinates[0].low, h.coordinates[0].high] == pytest.approx([lowest, highest])
         for alone in (h.instead("actuator_gain"), h):
             at = [np.array([h.coordinates[0].at(v), 0.0]) for v in (0.99 * highest + 0.01 * lowest, highest)]
@@ -158,13 +167,13 @@ def test_a_pair_is_the_partial_explanation_only_where_both_effects_explain_somet
 
 
 def test_beside_another_effect_a_stated_parameter_stays_within_what_the_rig_states():
-    """Alone it may say that the tolerance is wrong; in a pair it ends where it begins to contradict it."""
+    """Alone it may say that the tolerance is wrong; in a pair it ends, because nearly everything would explain then."""
     alone, beside = (Hypothesis(names, {"mass": 0.002}) for names in (("mass",), ("mass", "damping")))
     assert alone.point(np.array([-3.3])).effects["mass"]["change"] == pytest.approx(-0.33)
     u = beside.bounded(np.array([-3.3, 0.0]))
-    assert beside.point(u).effects["mass"]["change"] == pytest.approx(-0.03)
-    assert beside.contradicted(u) == ("mass",)
-    assert beside.contradicted(np.array([-0.29, 0.0])) == ()
+    assert beside.point(u).effects["mass"]["change"] == pytest.approx(-0.04)
+    assert beside.contradicted(u) == ("mass",) and beside.beyond_stated(u) == pytest.approx(STEEP)
+    assert beside.contradicted(np.array([-0.39, 0.0])) == ()
 
 
 def test_a_stated_parameter_that_moved_far_beside_an_effect_is_told():
