@@ -15,6 +15,7 @@ from sim2real.blind.answer import Answered, Diagnose, answer_all, diagnose
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, LABELS, SEAL
 
 SET = "set.json"  # says how the set was made; it contains no labels
+METHODS = ("diagnose", "nothing", "refit")  # what answers a set; all but the first are foils of the benchmark
 BEGUN = "begun.json"  # the same, of a set that is not complete yet
 
 

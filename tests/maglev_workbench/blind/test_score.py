@@ -112,6 +112,25 @@ def test_methods_stand_beside_the_oracle(answered, tmp_path):
     assert "missing" in maglev("blind", "score", answered, code=2)
 
 
+def test_one_run_makes_answers_and_scores_and_the_page_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(sim2real, "diagnose", Said, raising=False)
+    monkeypatch.setattr(generator, "generate", made_by_hand)
+    out, docs = tmp_path / "set", tmp_path / "blind.md"
+    command = ("blind", "run", "--benchmark", "--count", 9, "--seed", 3, "--out", out, "--processes", 1, "--docs", docs)
+    maglev(*command)
+    first = docs.read_text()
+    assert (
+        first.startswith("# The blind check of diagnoses")
+        and "| figure | oracle | answers | answers-nothing |" in first
+    )
+    assert "`maglev blind run --benchmark --count 9 --seed 3 " in first and "answers-refit" in first
+    maglev(*command)
+    assert docs.read_text() == first
+    assert "is a set of the benchmark: give --benchmark" in maglev(
+        "blind", "run", "--seed", 3, "--count", 9, "--out", out, code=2
+    )
+
+
 def test_methods_that_are_not_scored_again_stay(answered, tmp_path):
     js = tmp_path / "b.json"
     maglev("blind", "score", answered)

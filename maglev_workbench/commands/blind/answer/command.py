@@ -23,7 +23,7 @@ def answer(
     """Diagnose every campaign of a sealed set without reading the labels; an interrupted run resumes.
 
     A foil's answers go to answers-NAME in the folder. Campaigns are sent to the workers of a --scheduler, which need
-    no access to the folder. A campaign takes about 45 s of a core.
+    no access to the folder. A campaign takes 10 to 45 s of a core.
     """
     from maglev_lanes.schedule import workers
     from maglev_workbench.commands.blind import sealed_set

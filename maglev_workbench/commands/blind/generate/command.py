@@ -1,10 +1,15 @@
 """`maglev blind generate`: writes campaigns of an independent twin and seals their labels."""
 
-from typing import Annotated
-
 import typer
 
-from maglev_workbench.commands.blind.options import COUNT, CountOption, FolderOption, ProcessesOption, SetSeedOption
+from maglev_workbench.commands.blind.options import (
+    COUNT,
+    BenchmarkOption,
+    CountOption,
+    FolderOption,
+    ProcessesOption,
+    SetSeedOption,
+)
 from maglev_workbench.options import JsonOption, friendly
 
 app = typer.Typer()
@@ -16,10 +21,7 @@ def generate(
     out: FolderOption,
     seed: SetSeedOption,
     count: CountOption = COUNT,
-    benchmark: Annotated[
-        bool,
-        typer.Option("--benchmark", help="The benchmark's rigs, forms and unknowns (docs/benchmark.md)."),
-    ] = False,
+    benchmark: BenchmarkOption = False,
     processes: ProcessesOption = None,
     json_file: JsonOption = None,
 ) -> None:

@@ -56,7 +56,7 @@ def tables(opened: Opened) -> list[TextTable]:
         _confusion(opened),
         _wrong(opened),
         _regret(opened),
-        _alike(),
+        alike(),
     ]
 
 
@@ -151,7 +151,8 @@ def _regret(opened: Opened) -> TextTable:
     return TextTable("Scores on the twin", head, rows)
 
 
-def _alike() -> TextTable:
+def alike() -> TextTable:
+    """Which effects recordings of each kind cannot tell apart."""
     rows = [
         (channels, ", ".join(sorted(members)), "any" if up_to == inf else f"< {up_to:g} x")
         for channels, classes in ALIKE.items()

@@ -9,7 +9,7 @@ from maglev_env.recordings.files import write_text_atomic
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.recordings.result_folder import locked
 from maglev_lanes.code_version import DIAGNOSING, code_version
-from maglev_workbench.commands.blind.open.tables import amount
+from maglev_workbench.commands.blind.open.tables import alike, amount
 from maglev_workbench.commands.blind.sealed_set import made_of
 from maglev_workbench.console import console, write_json
 from maglev_workbench.page import markdown_table, number
@@ -18,6 +18,15 @@ from sim2real.blind.benchmark.scores import Benchmark, Method, by_family, misses
 from sim2real.blind.cases import ANSWERS
 from sim2real.blind.judging.judging import Judgement
 from sim2real.blind.judging.scoring import Row, answer_words, truth_words
+
+TITLE = "# The blind check of diagnoses"
+INTRODUCTION = (
+    "Sealed campaigns of the [benchmark](benchmark.md), whose generator shares no code with simulator and diagnosis. "
+    "The labels were hashed before any answer, and opened once. The oracle knows the true forms: what it cannot tell, "
+    "no method can, and our share of what it tells is the row that counts. `answers` are those of `maglev diagnose`, "
+    "the others of two foils. What the rows mean, and what was missed and why: [benchmark](benchmark.md). Intervals: "
+    "95 %, Wilson's for shares."
+)
 
 
 def score_folder(folder: Path, answers: list[Path], docs: Path | None, json_file: Path | None) -> None:
@@ -94,15 +103,23 @@ def _miss(j: Judgement) -> tuple[str, ...]:
 
 def _markdown(found: Benchmark, made: dict) -> str:
     untold = [c for c in found.cases if c.kind != "none" and (c.size or 0) >= 1 and not tellable(c)]
-    parts = [markdown_table(_head(found), _table(found)), "### By rig", _families(found.methods)]
-    parts += ["### What no method could have told"]
+    parts = [TITLE, INTRODUCTION, markdown_table(_head(found), _table(found)), "## By rig", _families(found.methods)]
+    parts += ["## What no method could have told"]
     rows = [(c.id, c.rig, c.channels, " + ".join(sorted(c.effects)), number(c.size), _or(rivals_of(c))) for c in untold]
     parts += [markdown_table(("campaign", "rig", "channels", "truth", "size", "rivals"), rows) if rows else "None."]
     head = ("campaign", "rig", "channels", "truth", "size", "answer")
     for method in found.methods:
         wrong = [_miss(j) for j in misses(method)]
-        parts += [f"### Missed by {method.name}", markdown_table(head, wrong) if wrong else "None."]
-    made_by = {"Campaigns": made["count"], "Seed": made["seed"], "SHA-256 of the labels": found.labels_sha256}
+        parts += [f"## Missed by {method.name}", markdown_table(head, wrong) if wrong else "None."]
+    look_alike = alike()
+    parts += [f"## {look_alike.heading}", markdown_table(look_alike.head, look_alike.rows), "## Made by"]
+    command = f"maglev blind run --benchmark --count {made['count']} --seed {made['seed']} --out sealed --docs FILE"
+    made_by = {
+        "Command": f"`{command}`",
+        "Campaigns": made["count"],
+        "Seed": made["seed"],
+        "SHA-256 of the labels": found.labels_sha256,
+    }
     made_by |= {f"Version of the code, {m.name}": m.version for m in found.methods}
     parts.append("\n".join(f"- {name}: {value}" for name, value in made_by.items()))
     return "\n\n".join(parts) + "\n"
