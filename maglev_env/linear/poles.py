@@ -33,8 +33,13 @@ def pole_radii(experiments: Sequence[Experiment]) -> np.ndarray:
     return np.array([np.abs(poles).max() for poles in all_poles(experiments)])
 
 
-def all_poles(experiments: Sequence[Experiment]) -> list[np.ndarray]:
-    """The `closed_loop_poles` of each experiment."""
+def all_poles(experiments: Sequence[Experiment], without: int | None = None) -> list[np.ndarray]:
+    """The `closed_loop_poles` of each experiment.
+
+    Args:
+        experiments: Any.
+        without: An axis (0 or 1) whose controller shall not see the displacement: the poles of the loop broken there.
+    """
     # Together with all others that have the same plant, and controllers of the same order.
     alike: dict[tuple, list[int]] = {}
     for i, e in enumerate(experiments):
@@ -48,8 +53,11 @@ def all_poles(experiments: Sequence[Experiment]) -> list[np.ndarray]:
             realised_together([of_axis(experiments[i].gains, axis) for i in members], 1 / first.rig.control_rate)
             for axis in range(first.rig.axes)
         ]
-        growth = _growing(first)
-        for i, poles in zip(members, np.linalg.eigvals(_closed(first, discrete_plant(first), stacked)[0]), strict=True):
+        a, b_force, b_old, b_new, c, current = discrete_plant(first)
+        if without is not None:
+            c = np.where(np.arange(len(c))[:, None] == without, 0.0, c)
+        growth, loops = _growing(first), _closed(first, (a, b_force, b_old, b_new, c, current), stacked)[0]
+        for i, poles in zip(members, np.linalg.eigvals(loops), strict=True):
             found[i] = np.concatenate([poles, growth])
     return found
 

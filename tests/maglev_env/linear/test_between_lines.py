@@ -7,7 +7,7 @@ import pytest
 
 from estimation.stability_margins import margin_arrays
 from maglev_env.experiment import axis_experiment, protocol_experiment
-from maglev_env.linear.between_lines import _joined, between_lines
+from maglev_env.linear.between_lines import _joined, _sensitivity, between_lines
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import all_poles, pole_radii
 from maglev_env.loop.gains import Gains
@@ -64,6 +64,33 @@ def test_a_phase_margin_may_be_hidden_where_the_peak_is_not():
     assert found([e])["phase_margin"][0] == pytest.approx(dense, abs=0.1)
 
 
+@pytest.mark.parametrize("effects", [{}, RESONANT, {"dropped_samples": {"probability": 0.05}}])
+@pytest.mark.parametrize("name", ["hmb_free", "hmb_radial"])
+def test_poles_give_the_sensitivity_of_the_loops_response(name, effects):
+    e = protocol_experiment(load_rig(name), effects=effects)
+    f, rate = np.geomspace(1, 9000, 200), e.rig.control_rate
+    expected = loop_response(e, f).sensitivity.reshape(200, e.rig.axes, e.rig.axes)
+    for axis in range(e.rig.axes):
+        broken, closed = all_poles([e], without=axis)[0], all_poles([e])[0]
+        s = _sensitivity(f[None], broken[None], closed[None], rate)[0]
+        assert np.abs(s / expected[:, axis, axis] - 1).max() < 1e-8
+
+
+def test_loops_with_a_narrow_pole_are_looked_at_together(monkeypatch):
+    """One by one they took three quarters of a sweep's time: every third has such a pole."""
+    gains = [Gains(kp, 2000.0, kd) for kp in np.geomspace(3000, 24000, 6) for kd in np.geomspace(1, 4, 6)]
+    experiments = [protocol_experiment(FREE, g) for g in gains]
+    calls = []
+    monkeypatch.setattr(
+        "maglev_env.linear.between_lines.margin_arrays", lambda *a: calls.append(a) or margin_arrays(*a)
+    )
+    alone = [found([e])["peak_sensitivity"][0] for e in experiments]
+    assert len(calls) > 10
+    calls.clear()
+    assert np.array_equal(found(experiments)["peak_sensitivity"], alone, equal_nan=True)
+    assert len(calls) < 5
+
+
 @pytest.mark.parametrize("name", ["hmb_free", "hmb_radial", "eframe"])
 def test_lines_that_show_the_loop_hide_nothing(name):
     rig = load_rig(name)
@@ -81,4 +108,4 @@ def test_frequencies_that_all_but_coincide_are_one():
     """A pole between two lines may lie on a frequency of the even grid, up to rounding."""
     lines = np.array([10.0, 20.0, 30.0])
     between = np.array([15.0, np.nextafter(15.0, 16.0), np.nextafter(20.0, 21.0), 25.0])
-    assert _joined(between, lines).tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
+    assert _joined(between, lines, 1000.0).tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
