@@ -6,6 +6,7 @@ from estimation.max_likelihood import maximum_likelihood
 from maglev_env.evaluation.known_chain import force_statistics
 from maglev_env.evaluation.score import ScoreTarget
 from maglev_env.experiment import Experiment
+from maglev_env.kept import by_value
 from maglev_env.linear.expected import expected_statistics
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.gains import NO_CONTROLLER
@@ -41,6 +42,7 @@ def protocol_of(rig: Rig) -> Protocol:
     return rig.protocol
 
 
+@by_value(16)
 def _nominal_coefficients(rig: Rig) -> tuple[float, float]:
     p = protocol_of(rig)
     experiment = Experiment(rig, rig.gains or NO_CONTROLLER, p.excitations, p.periods, p.transient_periods)

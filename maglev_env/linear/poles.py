@@ -5,10 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from maglev_env.experiment import Experiment, self_sensors
+from maglev_env.kept import by_value
 from maglev_env.linear.plant import discrete_plant
-from maglev_env.loop.effect import effect_value, split_delay
-from maglev_env.loop.gains import of_axis, realised_together, states_of
+from maglev_env.loop.effect import Effects, effect_value, split_delay
+from maglev_env.loop.gains import NO_CONTROLLER, of_axis, realised_together, states_of
+from maglev_env.rig.rig import Rig
 from selfsense.baseband import growth_rate
+from selfsense.sensor import SelfSensor
 
 
 def closed_loop_poles(experiment: Experiment, plant: tuple[np.ndarray, ...] | None = None) -> np.ndarray:
@@ -53,13 +56,19 @@ def all_poles(experiments: Sequence[Experiment], without: int | None = None) -> 
             realised_together([of_axis(experiments[i].gains, axis) for i in members], 1 / first.rig.control_rate)
             for axis in range(first.rig.axes)
         ]
-        a, b_force, b_old, b_new, c, current = discrete_plant(first)
+        a, b_force, b_old, b_new, c, current = _plant(first.rig, first.effects, first.sensor)
         if without is not None:
             c = np.where(np.arange(len(c))[:, None] == without, 0.0, c)
         growth, loops = _growing(first), _closed(first, (a, b_force, b_old, b_new, c, current), stacked)[0]
         for i, poles in zip(members, np.linalg.eigvals(loops), strict=True):
             found[i] = np.concatenate([poles, growth])
     return found
+
+
+@by_value(16)
+def _plant(rig: Rig, effects: Effects, sensor: str | tuple[SelfSensor, ...]) -> tuple[np.ndarray, ...]:
+    """The `discrete_plant` of experiments that differ in controllers alone."""
+    return discrete_plant(Experiment(rig, NO_CONTROLLER, (), effects=effects, sensor=sensor))
 
 
 def _growing(e: Experiment) -> list[float]:
