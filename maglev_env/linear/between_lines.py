@@ -122,10 +122,13 @@ def _may_hide(
     near = HIDDEN / CAUTION
     worse = np.abs(s).max(axis=1) > near * seen["peak_sensitivity"][row]
     worse |= np.abs(s - 0.5).max(axis=1) * seen["disk_margin"][row] > near
-    # |L| = 1 between two of the frequencies, at one of which L is nearer to -1 than at the crossing.
     gain = 1 / s - 1
-    beyond, lag = np.abs(gain) > 1, np.degrees(np.abs(np.angle(-gain)))
-    least = np.where(beyond[:, 1:] != beyond[:, :-1], np.minimum(lag[:, 1:], lag[:, :-1]), np.inf).min(axis=1)
+    level = np.abs(gain) ** 2 - 1
+    loop, i = np.nonzero((level[:, 1:] > 0) != (level[:, :-1] > 0))
+    part = level[loop, i] / (level[loop, i] - level[loop, i + 1])
+    crossing = gain[loop, i] + part * (gain[loop, i + 1] - gain[loop, i])
+    least = np.full(len(s), np.inf)
+    np.minimum.at(least, loop, np.degrees(np.abs(np.angle(-crossing))))
     worse |= near * least < np.nan_to_num(seen["phase_margin"][row], nan=np.inf)
     return np.unique(row[worse])
 
