@@ -5,6 +5,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from maglev_env.loop.magnets.kinds import force_law
+from maglev_env.loop.magnets.law import force, linearise
+from maglev_env.rig.rig import Rig
+from sim2real.recorded.along_motion import NEAREST
+
 BLOCKS, LEAST, PARTS = 40, 25, 5  # blocks of a record, least samples of a block, and parts of it
 SMALL = 0.02  # of the gap: standard deviation of the parts' means, up to which the force law is straight
 BALANCED = 5e-3  # of the weight: what the mean acceleration of a block may take
@@ -36,25 +41,35 @@ class Levels:
         return Levels(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
-def levels_of(displacement: np.ndarray, current: np.ndarray, gap: float, falls: float) -> Levels:
+def levels_of(displacement: np.ndarray, current: np.ndarray, rig: Rig, falls: float) -> Levels:
     """The blocks of a record in which the mass rests in the mean.
 
-    It need not stand still: where it moves little, the mean pull is that at the mean displacement, and it carries the
-    weight as far as nothing accelerates over the whole block.
+    It need not stand still: the mean pull along a motion, less what accelerates the mass, is that of a level. Means are
+    weighted by a Hann window, whose second derivative tells the same mean of the acceleration exactly. The acceleration
+    in a plain mean is the change of velocity between both ends, which a fast motion hides: all blocks of a multisine
+    would look at rest, and slopes of current over displacement were off by a third.
 
     Args:
         displacement, current: (samples,), m and A.
-        gap: m.
+        rig: nominal; its law says how little a motion and an acceleration take of the mean current.
         falls: acceleration of gravity, m per sample squared.
     """
+    law = force_law(rig)
+    weight, gain = rig.mass * rig.gravity, linearise(law)[0]
     size = max(displacement.size // BLOCKS, LEAST)
-    found, at = [], np.arange(PARTS) * size / PARTS
+    turn = 2 * np.pi * (np.arange(size) + 0.5) / size
+    window, curvature = (1 - np.cos(turn)) / size, (2 * np.pi / size) ** 2 * np.cos(turn) / size
+    found = []
     for begin in range(0, displacement.size - size + 1, size):
-        part = slice(begin, begin + size)
-        means = np.array([[p.mean() for p in np.array_split(s[part], PARTS)] for s in (displacement, current)])
-        accelerated = abs(2 * np.polyfit(at, means[0], 2)[0])
-        if means[0].std() < SMALL * gap and accelerated < BALANCED * falls:
-            found.append((*means.mean(axis=1), *(means.std(axis=1, ddof=1) / np.sqrt(PARTS))))
+        both = np.stack([displacement[begin : begin + size], current[begin : begin + size]])
+        means = np.array([[p.mean() for p in np.array_split(s, PARTS)] for s in both])
+        accelerated = float(curvature @ both[0]) / falls
+        if means[0].std() < SMALL * rig.gap and abs(accelerated) < BALANCED:
+            level, mean = both @ window
+            place = np.clip(both[0], -NEAREST * rig.gap, NEAREST * rig.gap)
+            along = float(window @ force(law, place, both[1]) - force(law, level, mean))
+            spread = means.std(axis=1, ddof=1) / np.sqrt(PARTS)
+            found.append((level, mean + (along - accelerated * weight) / gain, *spread))
     return Levels(*np.array(found).reshape(-1, 4).T, np.zeros(len(found), int))
 
 

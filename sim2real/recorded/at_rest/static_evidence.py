@@ -110,7 +110,7 @@ def rests_of(rig: Rig, spec: RecordingSpec, dataset: "xr.Dataset") -> Rests | No
     falls = rig.gravity / spec.sample_rate**2
     # Where the mass rests in the mean, neither the inductance nor the motion takes any of the mean voltage.
     current = dataset[told].values / per
-    return Rests(levels_of(dataset["displacement"].values, current, rig.gap, falls), tolerances)
+    return Rests(levels_of(dataset["displacement"].values, current, rig, falls), tolerances)
 
 
 def static_of(rig: Rig, rests: Sequence[Rests | None]) -> StaticEstimate | None:
