@@ -43,6 +43,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import ringing
+from sim2real.recorded.static_load import loads_off
 
 # Power that a simulation leaves of what is compared, over that of the noise, up to which a stand-in may follow it.
 NEAR = 3.0
@@ -136,6 +137,9 @@ def evidence_of(
             nuisances |= {name: c / (step if name in shapes else 1.0) for name, c in columns.items()}
             if bending:
                 measured = measured + sum(bends[name] * nuisances[name] for name in bends)
+        for name, own in loads_off(record).items():
+            loaded = coordinates_of(record, loop, opened.outputs, simulated_series(own, lanes)[0])
+            nuisances |= shape_columns(held, {name: loaded})
         if for_estimate:
             nuisances |= crossed_columns(record, loop, opened.outputs, predicted, at_near)
     for tone in record.tones:

@@ -104,6 +104,22 @@ def ends(command: np.ndarray, lag: float | None, late: int) -> tuple[np.ndarray,
     return scipy.signal.lfilter([0.0, 1 - lag], [1.0, -lag], command, axis=-1, zi=command[..., :1])[0], command
 
 
+def currents(e: Experiment, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Current at the start of every control step, and where it goes within the step, as `ends`, of the nominal rig."""
+    return ends(motion.driving, _lag(e, motion), _late(e, motion))
+
+
+def _lag(e: Experiment, motion: Motion) -> float | None:
+    """Share of the way to a command that is left at the end of its step; None where nothing holds it."""
+    dt, constant = motion.every / e.rig.control_rate, e.rig.amplifier_time_constant
+    return None if not motion.held else float(np.exp(-dt / constant)) if constant else 0.0
+
+
+def _late(e: Experiment, motion: Motion) -> int:
+    """Whole samples by which a command acts late."""
+    return round(effect_value(e.effects, "delay") * e.rig.control_rate / motion.every)
+
+
 def along_motion(e: Experiment, motion: Motion) -> AlongMotion | None:
     """Gain and stiffness along a recorded motion.
 
@@ -124,9 +140,7 @@ def along_motion(e: Experiment, motion: Motion) -> AlongMotion | None:
 def _along(e: Experiment, motion: Motion) -> tuple[AlongMotion, bool]:
     """What the magnets have more along a motion, and whether it is notable."""
     rig, dt, u, y = e.rig, motion.every / e.rig.control_rate, motion.driving, motion.reading
-    late = round(effect_value(e.effects, "delay") / dt)
-    constant = rig.amplifier_time_constant
-    lag = None if not motion.held else float(np.exp(-dt / constant)) if constant else 0.0
+    lag, late = _lag(e, motion), _late(e, motion)
     a, b = ends(u, lag, late)
     place = np.clip(y, -NEAREST * rig.gap, NEAREST * rig.gap)
     next_place = np.concatenate([place[:, 1:], place[:, -1:]], axis=1)
@@ -144,7 +158,7 @@ def _along(e: Experiment, motion: Motion) -> tuple[AlongMotion, bool]:
         notable |= bool(max(changes) > NOTABLE**2)
     mean, square = (0.5, 1 / 3) if lag is None else (1.0, 1.0)
     if lag:
-        decay = constant / dt
+        decay = rig.amplifier_time_constant / dt
         left, left_squared = decay * (1 - lag), decay / 2 * (1 - lag**2)
         mean, square = 1 - left, 1 - 2 * left + left_squared
     return AlongMotion(begin, end, stiffness, mean, square, lag, late, motion), notable

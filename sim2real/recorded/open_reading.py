@@ -28,6 +28,7 @@ from sim2real.recorded.drive.instrument import along_instruments
 from sim2real.recorded.drive.log_filter import WITHIN, corner_of_log, in_words, smoothing
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
+from sim2real.recorded.static_load import load_in_words, static_load
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
 
 if TYPE_CHECKING:
@@ -140,7 +141,10 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     pulling = channels[source] if source is not None else driving.command
     if source is None and can_rest(rig):
         pulling = pulling + balancing(rig, pulling, channels["displacement"])
-    along = along_motion(drive.experiment, Motion(pulling, channels["displacement"], drive.held, drive.every))
+    motion = Motion(pulling, channels["displacement"], drive.held, drive.every)
+    load = static_load(drive.experiment, motion, driving.waves["force"].mean(axis=1))
+    waves = driving.waves if load is None else {**driving.waves, "force": driving.waves["force"] + load[:, None]}
+    along = along_motion(drive.experiment, motion)
     looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
     record = OpenRecord(
@@ -148,7 +152,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         spec.role,
         rig,
         drive.experiment,
-        driving.waves,
+        waves,
         {kind: channels[kind] for kind in shown if kind in channels},
         driving.command,
         driving.added,
@@ -160,9 +164,10 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         source,
         rests,
         lacks=lacks,
+        load=load,
         along=along and along.at(looked),
         instants=None if instants is None else between_ticks(instants, drive.every),
-        notes=(*notes, *drive.notes, *stretch.notes),
+        notes=(*notes, *drive.notes, *stretch.notes, *load_in_words(load)),
     )
     if not drive.stand_in or drive.source is None:
         return record

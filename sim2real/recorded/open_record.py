@@ -64,6 +64,8 @@ class OpenRecord:
         rests: what its means say of a suspended mass; None: nothing.
         lacks: what the mean of its source lacked of carrying the weight, A, and was added, because nobody says how well
             the zeros of the channels are known; None: the mean is evidence, or there is no weight.
+        load: (axes,), constant force with which a rotor between opposed magnets is simulated to rest where it was
+            recorded, N; None: none.
         bias: (axes, n), what noise in the drive may add to the opened displacement; None: nothing.
         unsure: name -> (axes, n), standard deviations of that bias; one of the same name is the same in all recordings.
         told: (n,) whether a coordinate is compared; None: all are.
@@ -93,6 +95,7 @@ class OpenRecord:
     source: str | None = None
     rests: Rests | None = None
     lacks: float | None = None
+    load: np.ndarray | None = None
     bias: np.ndarray | None = None
     unsure: Mapping[str, np.ndarray] = field(default_factory=dict)
     told: np.ndarray | None = None

@@ -1,0 +1,67 @@
+"""A constant force on a rotor between opposed magnets, by where it rests.
+
+Means are no evidence there: the zeros of both channels, a weight, a spring or an eccentricity may make them, and no
+campaign states any of these. But between opposed magnets the pull changes with the place, so that a simulation which
+rests elsewhere than the rotor did has another gain and another stiffness. A load of a tenth of what the magnets can
+hold was named an eccentricity and a stop beside it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_env.experiment import Experiment
+from maglev_env.loop.magnets.law import ForceLaw, force, linearise
+from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
+from sim2real.recorded.open_record import OpenRecord
+
+LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
+
+
+def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> np.ndarray | None:
+    """Constant forces (axes,) that the nominal magnets and springs lack along a recorded motion, N; None where a weight
+    is carried by a single magnet, whose balance is that of its current, or where next to nothing is lacking.
+
+    Args:
+        e: The nominal experiment.
+        motion: What was recorded.
+        felt: Mean measured force, (axes,), N.
+    """
+    rig = e.rig
+    if not rig.controlled:
+        return None
+    found, notable = np.zeros(rig.axes), False
+    begin, end = currents(e, motion)
+    for axis in range(rig.axes):
+        law = law_along(e, axis)
+        if not isinstance(law, ForceLaw):
+            return None
+        place = np.clip(motion.reading[axis], -NEAREST * rig.gap, NEAREST * rig.gap)
+        pull = np.mean([force(law, place, i[axis]) for i in (begin, end)])
+        found[axis] = rig.support_stiffness * place.mean() - pull - felt[axis]
+        notable |= bool(abs(found[axis]) > LEAST * abs(linearise(law)[1]) * rig.gap)
+    return found if notable else None
+
+
+def load_in_words(load: np.ndarray | None) -> list[str]:
+    """What is said of a load, if there is one."""
+    if load is None:
+        return []
+    sizes = ", ".join(f"{own:.2g}" for own in load)
+    return [
+        f"where the rotor rests, the nominal magnets lack a constant force of {sizes} N (a load or a weight, an "
+        "eccentricity, or the zero of a channel; the means do not tell which): it is simulated with that force"
+    ]
+
+
+def loads_off(record: OpenRecord) -> dict[str, OpenRecord]:
+    """The record with twice the load of an axis, by a name: all of it may be something else than a load."""
+    if record.load is None:
+        return {}
+    found = {}
+    for axis, load in enumerate(record.load):
+        more = np.zeros((record.load.size, 1))
+        more[axis] = load
+        waves = {**record.waves, "force": record.waves["force"] + more}
+        found[f"static load of {record.name}, axis {axis + 1}"] = replace(record, waves=waves)
+    return found

@@ -1,0 +1,125 @@
+"""A rotor between opposed magnets that carries a constant load, simulated by the law of two electromagnets."""
+
+import numpy as np
+import pytest
+
+from maglev_env.recordings.campaign import load_campaign
+from sim2real.compared.point import NOMINAL
+from sim2real.compared.simulated import lanes_of, series_at
+from sim2real.diagnosis import diagnose
+from sim2real.recorded.records import read_records
+
+MASS, GAP, BIAS, GAIN, RATE, STEPS = 2.0, 4e-4, 2.0, 50.0, 8000.0, 4
+STIFFNESS = GAIN * BIAS / GAP  # of magnets without iron: their gain times bias over gap
+LAG, DAMPING, TD = 1e-4, 6.0, 1.25e-4
+KP, KD = 2.2 * STIFFNESS / GAIN, np.sqrt(1.2 * STIFFNESS * MASS) / GAIN
+RIG = f"""
+schema = "maglev-rig/1"
+name = "leaning"
+magnet = "electromagnet_pair"
+axes = 1
+[parameters]
+mass = {MASS}
+gap = {GAP}
+clearance = 2e-4
+bias_current = {BIAS}
+actuator_gain = {GAIN}
+negative_stiffness = {-STIFFNESS}
+support_damping = {DAMPING}
+amplifier_time_constant = {LAG}
+sensor_time_constant = 0.0
+probe_gain = 1e4
+control_rate = {RATE}
+adc_bits = 0
+dac_bits = 0
+[noise]
+displacement = 1.5e-7
+current = 1.5e-3
+[tolerance]
+mass = 0.01
+actuator_gain = 0.05
+negative_stiffness = 0.1
+amplifier_time_constant = 0.1
+"""
+CAMPAIGN = """
+[[recording]]
+file = "{name}.csv"
+role = "{role}"
+sample_rate = {rate}
+gains = {{ kp = {kp}, ki = 0.0, kd = {kd}, td = {td} }}
+[[recording.excitation]]
+kind = "recorded"
+at = "reference"
+[recording.channels]
+displacement = {{ from = "y" }}
+command = {{ from = "c" }}
+current = {{ from = "i" }}
+reference = {{ from = "r" }}
+"""
+
+
+def _run(reference, kp, kd, load, seed):
+    """Reading, command, current and reference (samples, 4) of a PD loop, by Runge-Kutta steps."""
+    rng = np.random.default_rng(seed)
+    noise, h = rng.normal(0, 1.5e-7, reference.size), 1 / RATE / STEPS
+    constant, kept = GAIN * GAP**2 / (4 * BIAS), np.exp(-1 / RATE / TD)
+
+    def rates(s, command):
+        y, v, i = s
+        pull = constant * (((BIAS + i) / (GAP - y)) ** 2 - ((BIAS - i) / (GAP + y)) ** 2)
+        return np.array([v, (pull - load - DAMPING * v) / MASS, (command - i) / LAG])
+
+    s, filtered, found = np.zeros(3), 0.0, []
+    for r, n in zip(reference, noise, strict=True):
+        error = r - s[0] - n
+        command = kp * error + kd / TD * (error - filtered)
+        found.append((s[0] + n, command, s[2], r))
+        filtered = kept * filtered + (1 - kept) * error
+        for _ in range(STEPS):
+            a = rates(s, command)
+            b = rates(s + h / 2 * a, command)
+            c = rates(s + h / 2 * b, command)
+            s = s + h / 6 * (a + 2 * b + 2 * c + rates(s + h * c, command))
+    found = np.array(found)
+    found[:, 2] += rng.normal(0, 1.5e-3, reference.size)
+    return found
+
+
+def _campaign(folder, load):
+    (folder / "rig.toml").write_text(RIG)
+    tables = ['schema = "maglev-campaign/1"\nrig = "rig.toml"\n']
+    for seed, (role, size, stiffer) in enumerate((("fit", 4e-6, 1.0), ("fit", 8e-6, 1.0), ("holdout", 6e-6, 1.2))):
+        levels = size * np.array([0, 1, 0, -1, 1.5, -1.5, 0.5, -0.5])
+        reference = np.tile(np.repeat(levels, 700), 2)
+        kp, kd = stiffer * KP, stiffer * KD
+        own = _run(reference, kp, kd, load, seed)
+        header = "y,c,i,r"
+        np.savetxt(folder / f"{seed}.csv", own, delimiter=",", header=header, comments="", fmt="%.10g")
+        tables.append(CAMPAIGN.format(name=seed, role=role, rate=RATE, kp=kp, kd=kd, td=TD))
+    (folder / "campaign.toml").write_text("".join(tables))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def leaning(tmp_path_factory):
+    return _campaign(tmp_path_factory.mktemp("leaning"), 25.0)
+
+
+def test_the_rotor_is_simulated_to_rest_where_it_was_recorded(leaning):
+    _, records = read_records(load_campaign(leaning))
+    for record in records:
+        assert record.load == pytest.approx([-25.0], abs=0.3)
+        series = series_at(record, NOMINAL, lanes_of(record, [NOMINAL]))
+        simulated, measured = series[0, 0, 700:].mean(), record.series["displacement"][0, 700:].mean()
+        assert abs(measured) > 1e-5 and simulated == pytest.approx(measured, rel=0.02)
+
+
+def test_a_rotor_that_rests_at_its_centre_has_no_load(tmp_path):
+    _, records = read_records(load_campaign(_campaign(tmp_path, 0.0)))
+    assert [record.load for record in records] == [None, None, None]
+
+
+@pytest.mark.slow
+def test_a_constant_load_is_no_effect(leaning):
+    found = diagnose(leaning)
+    assert found.verdict == "no_gap", found.cause
