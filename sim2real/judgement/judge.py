@@ -1,19 +1,14 @@
 """Which hypothesis to believe: probabilities of none, calibration, effects, pairs and unknown, and the verdict."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
 
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
-from sim2real.compared.commands_seen import SEEN
-from sim2real.compared.drift import DRIFT
 from sim2real.judgement.belief import Belief, Judge, channels_of, shipped
 from sim2real.judgement.evidence import Evidence
-from sim2real.judgement.lost_commands import LOST
-from sim2real.judgement.sightings import FOREIGN, LOUD
-from sim2real.recorded.drifting import DRIFTING
+from sim2real.judgement.rows_with_tones import Row, left_of_known, tones_of, unnamed, with_tones
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 
 WIDE_FORM = 0.01
@@ -23,8 +18,6 @@ BY_CHANCE = 0.001  # the same as a share of the gap
 BESIDE_WHOLE = 0.05  # share of what another form may leave that is then still believed
 SURELY = 12.0  # cost that an effect must save beyond all named ones to show something although it has no meaning
 HOPELESS = 1e4  # ratio of probabilities from which on the smaller one does not matter
-OPEN = (FOREIGN, LOUD, DRIFT, SEEN)  # families of what varies over time that need not have a known cause
-OF_LOST = (LOUD, SEEN)  # those that lost commands explain
 
 
 @dataclass(frozen=True)
@@ -67,13 +60,13 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     couples = max(singles * (singles - 1) // 2, 1)
     priors = {0: 1.0, 1: belief.prior_singles / singles, 2: belief.prior_pairs / couples}
     priors[3] = priors[2] ** 2 / priors[1]  # a pair beside a tone
-    rows: list[_Row] = [((NONE,), evidence.nominal, belief.prior_none, None)]
+    rows: list[Row] = [((NONE,), evidence.nominal, belief.prior_none, None)]
     for i in np.flatnonzero(alive):
         names = evidence.effects[i]
         prior = priors[len(names)] * np.exp(-0.5 * _complexity_of(evidence, int(i), belief))
         rows.append((names or (CALIBRATION,), float(evidence.cost[i]), prior, int(i)))
     if evidence.tones:
-        rows = _with_tones(rows, evidence, priors)
+        rows = with_tones(rows, evidence, priors)
     costs = np.array([cost for _, cost, *_ in rows])
     # Another form of an effect leaves data unexplained. It does not make a wrong statement of the rig more likely.
     strain = np.array([0.0 if evidence.strain is None or i is None else evidence.strain[i] for *_, i in rows])
@@ -84,7 +77,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     excused = _excused(forms, best, belief)
     of_data = costs - strain
     # What the mains and the rotation make on lines of their own is no matter of form.
-    of_tones = np.array([_left_of_known(names, evidence) for names, *_ in rows])
+    of_tones = np.array([left_of_known(names, evidence) for names, *_ in rows])
     nearest = int(np.argmin(of_data))
     beside = of_tones - of_tones[nearest]
     apart = (of_data - of_data[nearest] - beside) / scale + beside / belief.freedom
@@ -94,7 +87,7 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     # The unknown cause is the best hypothesis with a free correction of every group that it leaves unexplained, or of
     # what differs among recordings.
     named_best, *_, at_best = rows[int(np.argmin(costs))]
-    foreign = _unnamed(named_best, at_best, evidence)
+    foreign = unnamed(named_best, at_best, evidence)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
     unlike = _unlike(evidence, saved, forms[best], excused, belief)
     gain = 0.5 * belief.freedom * (np.log1p(unlike) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
@@ -178,7 +171,7 @@ def _meant_by_none(evidence: Evidence, least: float, prior: float, excused: floa
     alone = [cost for names, cost in zip(evidence.effects, evidence.cost, strict=True) if len(names) < 2]
     if not evidence.refused[at] < min(alone) - SURELY:
         return -np.inf
-    tones = sum(_tones_of(evidence, ()).values())
+    tones = sum(tones_of(evidence, ()).values())
     apart = max(evidence.refused[at] + tones - least, 0.0) / evidence.dispersion.ratio(excused)
     freedom = 0.5 * belief.freedom * np.log1p(apart / belief.freedom)
     return float(np.log(prior) - 0.5 * _complexity_of(evidence, at, belief) - freedom)
@@ -256,83 +249,6 @@ def _behind_a_whole_pair(evidence: Evidence, gap: float) -> np.ndarray:
         if len(names) == 2 and excess.sum() <= noise
     ]  # fmt: skip
     return evidence.cost > min(whole, default=inf) + max(SURELY_BEHIND, BY_CHANCE * gap)
-
-
-_Row = tuple[tuple[str, ...], float, float, int | None]
-KNOWN_TONES = ("pickup", "runout", "unbalance")  # of lines that are known beforehand
-
-
-def _with_tones(rows: list[_Row], evidence: Evidence, priors: Mapping[int, float]) -> list[_Row]:
-    """The hypotheses with and without tones as causes.
-
-    Without them a hypothesis costs what the tones weigh. Calibration and single effects may have them explained; those
-    of an OPEN family without a known cause only the unknown one explains. A pair may stand beside a tone of the mains
-    or of the rotation, which has lines of its own: a rotor that turns is out of balance, whatever else is off.
-    """
-    found: dict[tuple[str, ...], _Row] = {}
-
-    def propose(row: _Row) -> None:
-        """Of rows with the same names the best counts."""
-        key = tuple(sorted(row[0]))
-        if key not in found or row[1] < found[key][1]:
-            found[key] = row
-
-    for names, cost, prior, candidate in rows:
-        base = () if candidate is None else evidence.effects[candidate]
-        explained = OF_LOST if LOST in base else ()
-        tones = {f: weight for f, weight in _tones_of(evidence, base).items() if f not in explained}
-        propose((names, cost + sum(tones.values()), prior, candidate))
-        for added, off in _named(tones, evidence):
-            both = _joined(base, added)
-            most = 3 if len(added) == 1 and added[0] in KNOWN_TONES else 2
-            if candidate is not None and added and len(both) <= most and len(both) == len({*both}):
-                propose((both, cost + off, prior * priors[len(both)] / priors[len(base)], candidate))
-    return list(found.values())
-
-
-def _named(tones: Mapping[str, float], evidence: Evidence) -> list[tuple[tuple[str, ...], float]]:
-    """The effects that may explain tones, and what they cost together with the tones that they leave."""
-    named: list[tuple[tuple[str, ...], float]] = [((), 0.0)]
-    if "pickup" in tones:
-        named = [((*names, "pickup"), cost) for names, cost in named]
-    if "spin" in tones:
-        named = [((*names, effect), cost + off) for names, cost in named for effect, off in evidence.spin.items()]
-    for family in (f for f in OPEN if f in tones):
-        causes = evidence.causes.get(family, {}).items()
-        named = [(names, cost + tones[family]) for names, cost in named] + [
-            (names if effect in names else (*names, effect), cost + off)
-            for names, cost in named
-            for effect, off in causes
-        ]
-    return named
-
-
-def _left_of_known(names: tuple[str, ...], evidence: Evidence) -> float:
-    """What these effects leave of the tones of the mains and of the rotation."""
-    left = 0.0 if "pickup" in names else evidence.tones.get("pickup", 0.0)
-    own = [off for effect, off in evidence.spin.items() if effect in names]
-    return left + min([evidence.tones.get("spin", 0.0), *own])
-
-
-def _joined(base: tuple[str, ...], added: tuple[str, ...]) -> tuple[str, ...]:
-    """Fitted effects and those of tones: a gain that drifts may also be another one in the mean."""
-    kept = (name for name in base if name != "actuator_gain" or "gain_drift" not in added)
-    return (*kept, *added)
-
-
-def _tones_of(evidence: Evidence, base: tuple[str, ...]) -> dict[str, float]:
-    """What tones weigh beside fitted effects: a drift that was fitted leaves of the trends what a drift may."""
-    left = evidence.causes.get(DRIFT, {}).get(DRIFTING)
-    return {**evidence.tones, DRIFT: left} if DRIFTING in base and left is not None else dict(evidence.tones)
-
-
-def _unnamed(names: tuple[str, ...], candidate: int | None, evidence: Evidence) -> float:
-    """What these effects leave of what the OPEN families weigh."""
-    left, tones = 0.0, _tones_of(evidence, () if candidate is None else evidence.effects[candidate])
-    for family in (f for f in OPEN if f in tones):
-        causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family in OF_LOST else {})}
-        left += min([tones[family], *(off for effect, off in causes.items() if effect in names)])
-    return left
 
 
 def _complexity_of(evidence: Evidence, candidate: int, belief: Belief) -> float:
