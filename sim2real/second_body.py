@@ -8,7 +8,7 @@ from sim2real.coefficients import misfit
 from sim2real.compared.problem import Problem
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate
-from sim2real.search.hypotheses import starts
+from sim2real.search.starts import starts
 
 BODY = "support_resonance"
 # What is known as the mass was weighed with all that hangs on it. The scale of gain and stiffness rests on that.

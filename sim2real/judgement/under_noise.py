@@ -14,8 +14,9 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate
-from sim2real.search.hypotheses import DITHERS, Hypothesis
+from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.screening import extended
+from sim2real.search.starts import DITHERS
 
 STEPS = 15  # of the fit with noise
 

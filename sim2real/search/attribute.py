@@ -17,11 +17,7 @@ from sim2real.search.again import again
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
-from sim2real.search.hypotheses import (
-    Hypothesis,
-    single_effects,
-    usual_tolerances,
-)
+from sim2real.search.hypotheses import Hypothesis, single_effects, usual_tolerances
 from sim2real.search.pairs import alone_again, fit_pairs
 from sim2real.search.shaping import shaped
 from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles

@@ -10,9 +10,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate
-from sim2real.search.hypotheses import (
-    Hypothesis,
-)
+from sim2real.search.hypotheses import Hypothesis
 
 NO_GAP = 12.0  # if no single effect lowers the cost of calibration by more than this, no pair is tried
 ABOUT = 30.0  # cost above the best within which a candidate of fewer effects is preferred

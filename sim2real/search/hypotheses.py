@@ -3,8 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import product
-from math import exp, inf, isinf, log
+from math import exp, inf, log
 
 import numpy as np
 
@@ -95,13 +94,6 @@ REPLACED = {"amplifier_lag": "amplifier_time_constant", "sensor_lag": "sensor_ti
 # Where no tolerance of it is stated, this much. Who says nothing of a time constant does not hold it for exact; what is
 # known of it is its order of size.
 USUAL = 0.1
-# Starts of a knee at another place: multiples of the current that is reached, with the coordinate of its sharpness.
-ELSEWHERE, SHARPNESS = ((0.7, 0.0), (1.5, 0.0), (3.0, 0.0), (1.5, -1.2), (3.0, -1.2), (6.0, -1.2)), "sharpness"
-LEAST_BEYOND = 0.3
-# Forms that are another effect altogether while what they stand for is strong, and where they begin then: under ripple,
-# iron lags in time.
-DITHERS: Mapping[str, tuple[str, ...]] = {"hysteresis": ("hysteresis.ripple",)}
-DITHERED_AT = (0.5, 1.5, 2.5)
 RESONANCES = tuple(name for name, card in EFFECTS.items() if card.resonance)
 NO_RESONANCE = 0.3  # damping ratio; supports and mounts of metal, rubber or print have 0.2 at most
 
@@ -291,49 +283,3 @@ def single_effects(rig: Rig) -> tuple[str, ...]:
     """Effects that have a meaning on a rig and are fitted on lines, except changes of what is stated as exact."""
     exact = {TOLERANCE_EFFECTS.get(name) for name, sigma in rig.tolerance.items() if sigma == 0}
     return tuple(name for name in FITTED if meaningful(name, rig.capabilities) and name not in exact)
-
-
-def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
-    """Coordinates at which a fit of one effect may start on a rig of these scales; none if it is only a form there."""
-    own = coordinates_of(name, scales)
-    if not own:
-        return []
-    grid = np.meshgrid(*(EFFECTS[name].parameters[c.parameter].on(scales).starts for c in own), indexing="ij")
-    points = np.stack([g.ravel() for g in grid], axis=1)
-    return [np.array([c.at(float(v)) for c, v in zip(own, row, strict=True)]) for row in points]
-
-
-def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default, and under
-    what makes another effect of it (DITHERS).
-
-    At a knee its plain parameters are at their upper bounds, where they change nothing. A knee that lies far above the
-    currents of the recordings changes nothing either, and far below them no rotor levitates. A smooth one bends far
-    below its limit, so it begins in that form, too.
-
-    Args:
-        hypothesis: What else is assumed.
-        name: The effect.
-        reached: Current that the recordings reach, A. A single magnet's knee begins that far beyond the current at
-            rest, or beyond it by LEAST_BEYOND of it, where the bend about rest shows.
-    """
-    found = []
-    rest = hypothesis.scales.rest
-    reached = max(reached, LEAST_BEYOND * rest)
-    free = replace(hypothesis.instead(name), shaped=(name,))
-    smooth = f"{name}.{SHARPNESS}"
-    for shape in shapes_of(name, hypothesis.scales):
-        for times, rounder in ELSEWHERE if isinf(shape.parameter.default) else ():
-            u = np.zeros(free.size)
-            u[: len(free.coordinates)] = [c.at(c.high) for c in free.coordinates]
-            knee = rest + times * reached
-            u[len(free.coordinates) + free.calibrated.index(shape.name)] = 1 / (knee * shape.parameter.shape)
-            if smooth in free.shapes:
-                u[len(free.coordinates) + free.calibrated.index(smooth)] = rounder
-            found.append((free, u))
-    for key in (key for key in DITHERS.get(name, ()) if key in free.shapes):
-        for at, start in product(DITHERED_AT, starts(name, hypothesis.scales)):
-            u = np.concatenate([start, np.zeros(len(free.calibrated))])
-            u[len(free.coordinates) + free.calibrated.index(key)] = at
-            found.append((free, u))
-    return found

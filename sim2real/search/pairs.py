@@ -12,15 +12,12 @@ from sim2real.search.along_law import along_law
 from sim2real.search.exchanged import exchanged, resembling
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
-from sim2real.search.hypotheses import (
-    Hypothesis,
-    coordinates_of,
-    starts,
-)
+from sim2real.search.hypotheses import Hypothesis, coordinates_of
 from sim2real.search.joint import joint_pairs
 from sim2real.search.ringing import ringing
 from sim2real.search.screening import Start, extended, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
+from sim2real.search.starts import starts
 from sim2real.search.where_it_stands import LAW, where_it_stands
 
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted

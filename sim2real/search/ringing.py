@@ -12,9 +12,10 @@ import numpy as np
 from sim2real.compared.problem import Problem
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate
-from sim2real.search.hypotheses import NO_RESONANCE, RESONANCES, starts
+from sim2real.search.hypotheses import NO_RESONANCE, RESONANCES
 from sim2real.search.screening import extended, kept, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
+from sim2real.search.starts import starts
 
 TRIED = 2  # best pairs whose resonance is sought again
 

@@ -8,11 +8,8 @@ from sim2real.compared.problem import Problem
 from sim2real.compared.reached import current_reached
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate, share_calibrations
-from sim2real.search.hypotheses import (
-    starts,
-    starts_elsewhere,
-)
 from sim2real.search.screening import Start, extended, kept, place, screened
+from sim2real.search.starts import starts, starts_elsewhere
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
 SPARE = 30  # other starts of an effect that are tried when one makes the rotor touch down

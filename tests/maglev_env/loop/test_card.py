@@ -14,7 +14,8 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import RIG_FOLDER, load_rig, rig_from_toml
-from sim2real.search.hypotheses import Hypothesis, starts
+from sim2real.search.hypotheses import Hypothesis
+from sim2real.search.starts import starts
 
 BALL = Rig("ball", "electromagnet", mass=0.018, gap=10e-3, turns=1000, pole_area=1e-4, control_rate=100.0)
 HEAVY = replace(load_rig("hmb_free"), mass=5.0)

@@ -8,8 +8,9 @@ from sim2real.compared.problem import assemble
 from sim2real.recorded.records import read_records
 from sim2real.search.exchanged import exchanged
 from sim2real.search.fitting import begin, differentiate, iterate
-from sim2real.search.hypotheses import Hypothesis, starts
+from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.pairs import _like_the_best
+from sim2real.search.starts import starts
 
 
 def test_a_lag_or_a_resonance_is_exchanged_for_another_one():

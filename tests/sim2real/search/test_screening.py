@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from sim2real.search.fitting import begin, differentiate
-from sim2real.search.hypotheses import RESONANCES, Hypothesis, starts, starts_elsewhere
+from sim2real.search.hypotheses import RESONANCES, Hypothesis
 from sim2real.search.screening import RESONANT, Start, extended, kept, screened
+from sim2real.search.starts import starts, starts_elsewhere
 
 TOLERANCE = {"mass": 0.01, "probe_gain": 0.02}
 NAMES = ("mass", "sensor_gain", "delay")

@@ -11,9 +11,10 @@ from maglev_env.loop.effect import EFFECTS, effect, effect_value, shaped
 from maglev_env.rig.rig import Rig
 from sim2real.compared.point import Point
 from sim2real.search.fitting import begin, iterate
-from sim2real.search.hypotheses import Hypothesis, coordinates_of, single_effects, starts, starts_elsewhere
+from sim2real.search.hypotheses import Hypothesis, coordinates_of, single_effects
 from sim2real.search.shapes import shapes_of
 from sim2real.search.shaping import shaped as in_other_forms
+from sim2real.search.starts import starts, starts_elsewhere
 
 SATURATION = Hypothesis(("saturation",), {})
 
