@@ -18,7 +18,7 @@ from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
 BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is said
-NEAR = 2.0  # times the noise, below which a gap is too small for a share of it
+NO_SHARE = "too near to the noise for a share that is closed"  # of a gap whose sizes before and after are known
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def _closes(gap: Gap, by_calibration: bool) -> str:
     if gap.before is not None and gap.after is not None:
         return (
             f"; on the {gap.judged_on} the gap is {gap.before:.2g} times the noise before and {gap.after:.2g} after: "
-            f"{why_no_share(gap)}"
+            f"{NO_SHARE}"
         )
     if gap.before is None and gap.figures is not None:
         fit = fit_in_words(gap.figures)
@@ -216,15 +216,6 @@ def _closes(gap: Gap, by_calibration: bool) -> str:
             f"; the nominal rig does not levitate with the recorded gains, so no share is closed; the fit leaves {fit}"
         )
     return ""
-
-
-def why_no_share(gap: Gap) -> str:
-    """Why no share is stated of a gap whose sizes before and after are known."""
-    if gap.before < NEAR * gap.floor:
-        return "too near to the noise for a share that is closed"
-    if gap.after < gap.floor:
-        return "what is left is smaller than the noise was taken for, so no share is stated"
-    return "the gap lies in too few lines or moments for a share that is closed"
 
 
 def closed_spread(gap: Gap) -> str:

@@ -15,6 +15,7 @@ from sim2real.search.fitting import begin, differentiate
 
 RESAMPLES = 400
 SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed
+CLEAR = 2.0  # times the noise from which on a gap is none of it, in however few lines it lies
 LOST_SD = 2.0  # standard deviations beyond which one simulation is worse than another
 BLOCK = 8  # neighbouring residuals drawn together, because what remains is similar on neighbouring lines
 
@@ -110,21 +111,32 @@ def closed(before: np.ndarray, after: np.ndarray, seed: int) -> tuple[float | No
 
     The blocks are neighbouring residuals. A little less than the noise may be left by chance, but no share is more than
     all of the gap. The share is None where the rotor touches down before or after, because there is then no gap to
-    compare with, where the gap to close is not known to within SURE of its size, or where less than the noise is left.
+    compare with. It is also None where the gap to close is not known to within SURE of its size, or where less than the
+    noise is left, unless the gap is CLEAR times the noise. A gap in few lines is then no chance, and the interval of
+    the share is that of what is left. Where less than the noise is left, which was then assumed too large, the lower
+    end of the interval is that of no noise at all.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None, None
-    blocks = [np.add.reduceat(abs(r) ** 2 - 2.0, np.arange(0, r.size, BLOCK)) for r in (before, after)]
-    total, scatter = blocks[0].sum(), 4.0 * np.sqrt(4.0 * before.size)
-    if total < scatter or blocks[1].sum() < -scatter:
+    powers = [np.add.reduceat(abs(r) ** 2, np.arange(0, r.size, BLOCK)) for r in (before, after)]
+    noise = 2.0 * np.diff([*np.arange(0, before.size, BLOCK), before.size])
+    b, a = (power - noise for power in powers)
+    total, left, scatter = b.sum(), a.sum(), 4.0 * np.sqrt(4.0 * before.size)
+    clear = powers[0].sum() > CLEAR**2 * noise.sum()
+    if total < scatter or (left < -scatter and not clear):
         return None, None  # there was no gap, or the noise is smaller than was assumed
     rng = np.random.default_rng(seed)
-    drawn = rng.integers(0, blocks[0].size, (RESAMPLES, blocks[0].size))
-    b, a = (v[drawn].sum(axis=1) for v in blocks)
-    if np.quantile(b, 0.025) < (1 - SURE) * total:
-        return None, None  # the gap may be noise alone, of which no share can be stated
-    lo, hi = np.minimum(np.quantile(1 - a / np.maximum(b, 1e-9), [0.025, 0.975]), 1.0)
-    return min(1.0, float(1 - blocks[1].sum() / total)), (float(lo), float(hi))
+    drawn = rng.integers(0, b.size, (RESAMPLES, b.size))
+    share = min(1.0, float(1 - left / total))
+    if left < -scatter:
+        return share, (float(1 - np.quantile(powers[1][drawn].sum(axis=1), 0.975) / powers[0].sum()), 1.0)
+    of_gap, of_left = b[drawn].sum(axis=1), a[drawn].sum(axis=1)
+    if np.quantile(of_gap, 0.025) < (1 - SURE) * total:
+        if not clear:
+            return None, None  # the gap may be noise alone, of which no share can be stated
+        of_gap = np.full(RESAMPLES, total)
+    lo, hi = np.minimum(np.quantile(1 - of_left / np.maximum(of_gap, 1e-9), [0.025, 0.975]), 1.0)
+    return share, (float(min(lo, share)), float(max(hi, share)))
 
 
 def lost(calibrated: np.ndarray, after: np.ndarray) -> float:

@@ -21,6 +21,7 @@ from sim2real.gap.shrink import errors
 from sim2real.judgement.judge import Entry
 from sim2real.report import (
     BEYOND,
+    NO_SHARE,
     Correction,
     closed_spread,
     corrections,
@@ -28,7 +29,6 @@ from sim2real.report import (
     sentence,
     tempered,
     where_in_words,
-    why_no_share,
 )
 from sim2real.result import Diagnosis, block_of
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
@@ -220,7 +220,7 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     if g.closed_fraction is not None:
         lines[0] = lines[0][:-1] + f"; {round(100 * g.closed_fraction)} % closed{closed_spread(g)}."
     elif g.before is not None and g.after is not None:
-        lines[0] = lines[0][:-1] + f": {why_no_share(g)}."
+        lines[0] = lines[0][:-1] + f": {NO_SHARE}."
     if g.before is None:
         lines[0] += " The nominal rig does not levitate with the recorded gains, so there is no share to close."
     if g.figures is not None:

@@ -56,6 +56,20 @@ def test_what_cannot_be_told_is_none():
     assert closed(noise + 3, noise + 6, 0)[0] < -1  # worse than before
 
 
+@pytest.mark.parametrize(("noise", "left", "true"), [(1.0, 0.0, 1.0), (1.0, 0.4, 0.84), (0.7, 0.0, 1.0)])
+def test_a_clear_gap_in_few_lines_has_a_closed_share(noise, left, true):
+    """Such as a resonance's; also where the noise was assumed larger than it is."""
+    rng, inside = np.random.default_rng(6), 0
+    for seed in range(200):
+        own = noise * whitened(rng, np.zeros(SIZE))
+        gap = np.zeros(SIZE)
+        gap[40:44] = 60.0 * rng.choice([-1, 1], 4)
+        fraction, (lo, hi) = closed(gap + own, left * gap + own, seed)
+        inside += lo <= true <= hi
+        assert lo <= fraction <= hi and fraction == pytest.approx(true, abs=0.03)
+    assert inside / 200 >= 0.9
+
+
 def test_what_predicts_worse_than_calibration_is_told_from_scatter():
     rng = np.random.default_rng(5)
     alike, worse = [], []
