@@ -14,7 +14,7 @@ from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise, louder_in_words, louder_than_stated
 from sim2real.compared.commands_seen import SEEN, seen_lost
 from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
-from sim2real.compared.open_tones import toned
+from sim2real.compared.open_tones import toned, without_tones_of_others
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.standing import standing
@@ -62,7 +62,7 @@ def diagnose(
     begun = time.perf_counter()
     progress("reading")
     loaded, standing_records = standing(*read_records(campaign))
-    records = toned(standing_records)
+    records = without_tones_of_others(toned(standing_records))
     bench = bench_noise(records)
     fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)

@@ -29,7 +29,8 @@ from sim2real.recorded.ringing import driven_directions, ringing_directions
 from sim2real.recorded.tones import origin, tone_lines, transform_of_tone
 
 LIGHT, RINGING = 0.1, 0.25  # damping ratio of a mode that rings, and octaves from it within which it does
-ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records
+ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records, however loud they are
+ALIKE_SD = 2.5  # standard deviations of the distance of two tones within which they are the same, where that is more
 SAME_TONE = 0.03  # lines within which a tone that is found again has the frequency that it had
 FINE = 0.5  # lines between frequencies that are tried
 SLOWEST = 4.0  # turns in a record below which a drift may pass for a tone, and for the same one in two records
@@ -129,11 +130,11 @@ def _as_told_better(
     What is left of a loud tone at a frequency that is hardly off stands above the noise.
     """
     tones = []
-    shown = [(t, _spacing(r) / t.chi2**0.5) for r in records if isinstance(r, OpenRecord) for t in r.tones]
+    shown = [(t, frequency_sd(r, t)) for r in records if isinstance(r, OpenRecord) for t in r.tones]
     for tone in record.tones:
-        near = ALIKE * _spacing(record)
-        best, off = min((own for own in shown if abs(own[0].frequency - tone.frequency) < near), key=lambda own: own[1])
-        if off < _spacing(record) / tone.chi2**0.5:
+        own = frequency_sd(record, tone)
+        best, off = min((other for other in shown if _same(record, tone, own, *other)), key=lambda other: other[1])
+        if off < own:
             residual = replace(residual, lines=residual.lines + _lines_of(residual, tone))
             tone, residual = _taken_out(residual, best.frequency / _spacing(record))
         tones.append(tone)
@@ -171,16 +172,42 @@ def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
     """The records with those tones of records without a period that are believed, as `toned`."""
 
     def kept(record: OpenRecord, tone: Tone) -> bool:
-        spacing = _spacing(record)
-        others = (t.frequency for r in records if r is not record for t in r.tones)
+        spacing, own = _spacing(record), frequency_sd(record, tone)
+        others = ((t, frequency_sd(r, t)) for r in records if r is not record for t in r.tones)
         known = origin(tone.frequency, record.experiment.speed_rpm, spacing) is not None
         fast = tone.frequency >= WIDTH * spacing
-        return (known and fast) or any(abs(f - tone.frequency) < ALIKE * spacing for f in others)
+        return (known and fast) or any(_same(record, tone, own, *other) for other in others)
 
     return [
         replace(r, tones=tuple(t for t in r.tones if kept(r, t))) if isinstance(r, OpenRecord) and r.tones else r
         for r in records
     ]
+
+
+def without_tones_of_others(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
+    """The records, those with a period without the lines on which tones lie that records without one show.
+
+    On a line such a tone cannot be told from what is driven there: a resonance would have to explain it.
+    """
+    shown = tuple(
+        t.frequency for r in records if isinstance(r, OpenRecord) for t in r.tones
+        if origin(t.frequency, r.experiment.speed_rpm, _spacing(r)) is None
+    )  # fmt: skip
+    return [r if isinstance(r, OpenRecord) else replace(r, elsewhere=shown) for r in records]
+
+
+def _same(record: OpenRecord, tone: Tone, sd: float, other: Tone, other_sd: float) -> bool:
+    """Whether a record's tone and another one, of these standard deviations of their frequencies, may be the same."""
+    off = abs(other.frequency - tone.frequency)
+    return off < max(ALIKE * _spacing(record), ALIKE_SD * float(np.hypot(sd, other_sd)))
+
+
+def frequency_sd(record: Record | OpenRecord, tone: Tone) -> float:
+    """Standard deviation of a tone's frequency, Hz, by the Cramer-Rao bound of one sinusoid in white noise (D. C. Rife
+    and R. R. Boorstyn, IEEE Trans. Information Theory 20, 1974); without a period chi2 is that of one window of lines,
+    which is nearly all of its power."""
+    resolved = _spacing(record) if isinstance(record, OpenRecord) else record.experiment.fundamental / record.count
+    return float(np.sqrt(3 / tone.chi2) / np.pi * resolved)
 
 
 def _spacing(record: OpenRecord) -> float:

@@ -56,6 +56,7 @@ class Record:
         notes: What was assumed.
         errors: What may be wrong with its channels.
         rests: What its means say of a suspended mass; None: nothing.
+        elsewhere: Frequencies (Hz) of tones of unknown origin that other recordings show.
     """
 
     name: str
@@ -74,12 +75,16 @@ class Record:
     notes: tuple[str, ...] = ()
     errors: tuple[ChannelError, ...] = ()
     rests: Rests | None = None
+    elsewhere: tuple[float, ...] = ()
 
     @property
     def masked(self) -> np.ndarray:
-        """Lines (n,) on which a tone of known origin would lie."""
+        """Lines (n,) on which a tone of known origin would lie, or one that other recordings show."""
         e = self.experiment
-        return near_tones(self.frequency, ON_LINE * e.fundamental, e.speed_rpm)
+        near = near_tones(self.frequency, ON_LINE * e.fundamental, e.speed_rpm)
+        for f in self.elsewhere:
+            near |= abs(self.frequency - f) < ON_LINE * e.fundamental
+        return near
 
     @property
     def axes(self) -> int:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bench_loop import Bench, write_campaign
+from campaigns import campaign
 
 from estimation.lines.line_windows import KEPT
 from estimation.lines.tones import Tone
@@ -16,12 +17,14 @@ from sim2real.compared.open_tones import (
     _as_told_better,
     _taken_out,
     agreed,
+    frequency_sd,
     log_chances,
     nuisance_columns,
     residual_of,
     toned,
     tones_in,
     with_tones,
+    without_tones_of_others,
 )
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
@@ -83,6 +86,42 @@ def test_a_tone_of_unknown_origin_counts_where_two_recordings_have_it(read):
     )
     other = replace(one, tones=(Tone(61.75, {"opened": np.ones(1)}, 99.0), Tone(83.4, {"opened": np.ones(1)}, 99.0)))
     assert [[t.frequency for t in r.tones] for r in agreed([one, other])] == [[61.7, 50.1], [61.75]]
+
+
+@pytest.mark.parametrize(("chi2", "both"), [(40.0, True), (400.0, False)])
+def test_two_faint_tones_may_be_one_where_two_loud_ones_are_not(read, chi2, both):
+    """A fifth of a line apart, which of a faint one is hardly more than the scatter of its frequency."""
+    one = replace(read(Bench(), "noise"), tones=(Tone(61.7, {"opened": np.ones(1)}, chi2),))
+    spacing = one.windows.sample_rate / one.windows.samples
+    other = replace(one, tones=(Tone(61.7 + 0.2 * spacing, {"opened": np.ones(1)}, chi2),))
+    assert [len(r.tones) for r in agreed([one, other])] == ([1, 1] if both else [0, 0])
+
+
+@pytest.mark.parametrize("level", [2.0, 30.0])
+def test_the_frequency_of_a_tone_scatters_as_stated(read, level):
+    residual = residual_of(read(Bench(), "noise"), Point({}, {}))
+    record, rng, off = residual.record, np.random.default_rng(3), []
+    at = 161.3 * record.windows.samples / record.windows.sample_rate
+    for phase in rng.uniform(0, 2 * np.pi, 150):
+        tone = Tone(161.3, {"opened": level * np.exp(1j * phase) * np.ones(1)}, 1.0)
+        lines = open_tones._lines_of(residual, tone)
+        noise = rng.normal(size=(2, *lines.shape)) * abs(lines).max() / 10
+        noisy = replace(residual, lines=lines + noise[0] + 1j * noise[1])
+        found, _ = _taken_out(noisy, open_tones._strongest_near(noisy, at, 0.5))
+        off.append((found.frequency - 161.3) / frequency_sd(record, found))
+    assert 0.6 < np.std(off) < 1.5
+
+
+def test_a_line_on_which_another_recording_shows_a_tone_is_not_compared(read, tmp_path):
+    periodic = read_records(campaign(tmp_path / "c", names=("base", "holdout")))[1][0]
+    at = float(periodic.frequency[~periodic.masked][20])
+    for off, more in ((0.05, 1), (0.2, 0)):
+        near = at + off * periodic.experiment.fundamental
+        shows = replace(read(Bench(), "noise"), tones=(Tone(near, {"opened": np.ones(1)}, 99.0),))
+        masked = without_tones_of_others([periodic, shows])[0].masked
+        assert masked.sum() == periodic.masked.sum() + more
+    mains = replace(shows, tones=(Tone(50.0, {"opened": np.ones(1)}, 99.0),))
+    assert without_tones_of_others([periodic, mains])[0].elsewhere == ()
 
 
 @pytest.fixture(scope="module")
