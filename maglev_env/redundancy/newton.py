@@ -14,7 +14,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.redundancy.controller import at_control_rate, made_alone
 from maglev_env.redundancy.rows import MODEL, Fit, Row, fit, low_pass
-from maglev_env.redundancy.view import View
+from maglev_env.redundancy.view import Lines, View
 
 DOMINATES = 1.5  # m w^2 over the stiffness, from which a line counts
 WIDE = 4.0  # standard deviations of the tolerances
@@ -39,6 +39,7 @@ CURRENT_EFFECTS = ("actuator_gain", "mass", "sensor_gain", "eddy_current", "satu
 BEHIND_FORCE = ("sensor_lag", "support_resonance", "sensor_resonance")
 BEHIND_CURRENT = ("sensor_lag", "eddy_current", "support_resonance", "sensor_resonance", "hysteresis", "saturation")
 BEHIND_COMMAND = ("sensor_lag", "delay", "eddy_current", "amplifier_lag", "support_resonance", "hysteresis")
+DRIVES = ("force", "injection", "reference")
 DELAY_EFFECTS = {"force": BEHIND_FORCE, "current": BEHIND_CURRENT}
 BENT = ("soft_stop", "force_law")  # what leaves a large part of a motion unexplained
 EARLY = ("damping", "friction", "support_resonance", "sensor_resonance")  # beyond its resonance a damped mass leads
@@ -86,7 +87,10 @@ def moved(view: View) -> list[Row]:
         effects.append(CURRENT_EFFECTS)
     if not inputs:
         return []
-    found = fit(lines.parts["displacement"], inputs, lines.frequency, view.rate, lines.periodic)
+    moving = [lines.parts["displacement"], *inputs]
+    if len(inputs) == 2 and not lines.periodic:
+        moving = _along_drives(view, lines, moving)
+    found = fit(moving[0], moving[1:], lines.frequency, view.rate, lines.periodic)
     if found is None:
         return []
     lag = 0.0
@@ -102,6 +106,18 @@ def moved(view: View) -> list[Row]:
         free = _without_rig(view)
         return free if free and free[0].gain > 0 else rows
     return rows
+
+
+def _along_drives(view: View, lines: Lines, spectra: list[np.ndarray]) -> list[np.ndarray]:
+    """Coordinates (drives, n) of spectra (segments, n) along what drives the recording.
+
+    Where a force drives it, the current is what the controller makes of the displacement, noise of the reading
+    included. Beside the force that noise is all that a current has of its own: a fit of both to the displacement would
+    take what they differ by from the noise alone (a hammer's displacement looked 0.85 times too small).
+    """
+    drives = [lines.parts[name] for name in DRIVES if name in lines.parts and np.ptp(view.channels[name]) > 0]
+    basis, _ = np.linalg.qr(np.stack(drives, axis=-1).transpose(1, 0, 2))  # (n, segments, drives)
+    return [np.einsum("nsd,sn->dn", basis.conj(), own) for own in spectra]
 
 
 def _stated_over_shown(view: View, drive: str | None) -> dict[str, float]:
