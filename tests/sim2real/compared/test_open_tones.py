@@ -11,7 +11,7 @@ from campaigns import campaign
 from estimation.lines.line_windows import KEPT
 from estimation.lines.tones import Tone
 from sim2real.compared import open_tones
-from sim2real.compared.distortion import distorted, driving_sines
+from sim2real.compared.distortion import distorted, driving_sines, pattern_rate
 from sim2real.compared.open_tones import (
     Residual,
     _as_told_better,
@@ -215,6 +215,21 @@ def test_products_of_two_sines_are_known_and_noise_and_a_chirp_have_none(read):
     for kind in ("noise", "chirp", "steps", "hover"):
         other = read(Bench(), kind)
         assert driving_sines(other).size == 0 and not distorted(other, at).any()
+
+
+def test_steps_that_go_round_answer_at_multiples_of_their_rate(read):
+    """A bent force law answers to steps of both signs at twice the rate at which they repeat."""
+    record = read(Bench(), "steps")
+    rate, samples = record.experiment.rig.control_rate, record.waves["current"].shape[1]
+    turn, rng = samples // 5, np.random.default_rng(0)
+    steps = np.resize(np.repeat([0.0, 1.0, 0.0, -1.0, 1.5, -1.5], turn // 6 + 1)[:turn], samples)
+    noisy = (steps + 0.05 * rng.normal(size=samples))[None]
+    going_round = replace(record, waves={**record.waves, "current": noisy})
+    assert pattern_rate(going_round) == pytest.approx(rate / turn, rel=1e-3)
+    at = np.array([1.0, 2.0, 5.0, 2.5, 40.0]) * rate / turn
+    assert distorted(going_round, at).tolist() == [True, True, True, False, False]
+    for kind in ("noise", "chirp", "hover"):
+        assert pattern_rate(read(Bench(), kind)) is None
 
 
 @pytest.mark.parametrize(("chi2", "moved"), [(1e9, True), (1.0, False)])
