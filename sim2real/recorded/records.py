@@ -1,6 +1,6 @@
 """A campaign as a diagnosis needs it: for each recording, the spectra of its steady periods and what drove it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,7 @@ from maglev_env.kernel.driven import Drive
 from maglev_env.loop.axes import suffixes
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.recordings.campaign import Campaign, RecordingSpec, load_campaign
+from maglev_env.recordings.derived import under_voltage
 from maglev_env.recordings.each_recording import check_left, each_recording
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
@@ -22,7 +23,7 @@ from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
 from sim2real.recorded.at_rest.static_evidence import Rests, rests_of
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
-from sim2real.recorded.current_by_voltage import told_by_voltage
+from sim2real.recorded.current_by_voltage import driven_by_voltage, told_by_voltage
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.ticks import jitters
@@ -146,7 +147,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     if jitters(dataset, spec.gains, spec.excitations, campaign.rig.axes, campaign.rig.control_rate):
         found = open_record(campaign, spec, dataset)
         return replace(found, notes=(WITHOUT_PERIOD, *found.notes))
-    if told_by_voltage(campaign.rig, {name.partition("_")[0] for name in spec.channels}):
+    if _under_voltage(campaign.rig, {name.partition("_")[0] for name in spec.channels}):
         return open_record(campaign, spec, dataset)  # driven by the voltage as it was measured, whatever the controller
     where = campaign.folder / spec.file
     signals = recorded_signals(campaign, spec, dataset)
@@ -222,6 +223,11 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         channel_errors(spec),
         rests_of(rig, spec, dataset),
     )
+
+
+def _under_voltage(rig: Rig, kinds: Collection[str]) -> bool:
+    """Whether the coil's current is what its voltage and the motion make of it, by what a recording holds."""
+    return told_by_voltage(rig, kinds) or (under_voltage(rig) and driven_by_voltage(rig, kinds) and "current" in kinds)
 
 
 def _waves(

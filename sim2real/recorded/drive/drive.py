@@ -265,7 +265,8 @@ def _stood_in(
         how.append(words)
     gains = controllers[0] if rig.axes == 1 else tuple(controllers)
     e = without_noise(Experiment(rig, gains, (), speed_rpm=spec.speed_rpm))
-    told = "computed" if smooth else "recorded"
+    shown = any(name.partition("_")[0] == "current" for name in spec.channels)
+    told = "recorded" if shown or not smooth else "computed"
     note = (
         f"the {told} {source} drives the simulation ({'held' if held else 'straight lines'} between samples); "
         f"{' and '.join(sorted(set(how)))} stands in for the controller"

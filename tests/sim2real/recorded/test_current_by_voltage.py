@@ -143,6 +143,29 @@ def test_a_measured_voltage_drives_whatever_else_is_stated(tmp_path, controller,
     assert [(e.name, e.channel, e.delay) for e in delays] == [("delay of voltage", "current", 2e-5)]
 
 
+@pytest.mark.parametrize(("lag", "by_current"), [(1e-3, True), (2e-4, False)])
+def test_a_coil_under_a_recorded_voltage_is_driven_by_its_current_whether_it_repeats_or_not(tmp_path, lag, by_current):
+    """The amplifier that such a rig states is the coil, which lacks what the motion induces; a current amplifier of its
+    own is simulated."""
+    lines = [line for line in BALL.splitlines() if not line.startswith("amplifier_time_constant")]
+    coil = f"coil_resistance = 4.0\ncoil_inductance = 4e-3\namplifier_time_constant = {lag}\n[gains]"
+    text = "\n".join(lines).replace("[gains]", coil, 1)
+    reference = 1e-4 * np.sin(2 * np.pi * 5 * np.arange(2000) / 1000)
+    run = ball_bench.record(rig_from_toml(text, "ball"), 2.0, 3, reference=reference)
+    run |= {"reference": reference, "voltage": 4.0 * run["current"] + 4e-3 * np.gradient(run["current"], 1e-3)}
+    names = ("displacement", "current", "voltage", "reference")
+    folder = ball_bench.write_campaign(
+        tmp_path, text, "{ kp = 200.0, ki = 1500.0, kd = 3.5, td = 2e-3 }", {"one": run}, names
+    )
+    path = folder / "campaign.toml"
+    wave = 'kind = "multisine", at = "reference", period_samples = 200, amplitude = 1e-4, lines = [1]'
+    path.write_text(path.read_text().replace('kind = "none"', wave))
+    (record,) = read_records(folder)[1]
+    assert isinstance(record, OpenRecord) == by_current
+    if by_current:
+        assert record.source == "current" and any("recorded current drives" in note for note in record.notes)
+
+
 def hovering(tmp_path, stated: str = "", shown: str = "voltage"):
     """A campaign of a ball at three levels whose voltage alone is recorded; `stated` goes into that channel."""
     text = BALL.replace("[gains]", "coil_resistance = 4.0\ncoil_inductance = 4e-3\n[gains]", 1)
