@@ -142,7 +142,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     if source is None and can_rest(rig):
         pulling = pulling + balancing(rig, pulling, channels["displacement"])
     motion = Motion(pulling, channels["displacement"], drive.held, drive.every)
-    load = static_load(drive.experiment, motion, driving.waves["force"].mean(axis=1))
+    pulled = replace(motion, driving=channels["current"], held=False) if "current" in channels else motion
+    load = static_load(drive.experiment, pulled, driving.waves["force"].mean(axis=1))
     waves = driving.waves if load is None else {**driving.waves, "force": driving.waves["force"] + load[:, None]}
     along = along_motion(drive.experiment, motion)
     looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)

@@ -85,7 +85,7 @@ def _run(reference, kp, kd, load, seed):
     return found
 
 
-def _campaign(folder, load):
+def _campaign(folder, load, lost=0.0):
     (folder / "rig.toml").write_text(RIG)
     tables = ['schema = "maglev-campaign/1"\nrig = "rig.toml"\n']
     for seed, (role, size, stiffer) in enumerate((("fit", 4e-6, 1.0), ("fit", 8e-6, 1.0), ("holdout", 6e-6, 1.2))):
@@ -93,6 +93,7 @@ def _campaign(folder, load):
         reference = np.tile(np.repeat(levels, 700), 2)
         kp, kd = stiffer * KP, stiffer * KD
         own = _run(reference, kp, kd, load, seed)
+        own[:, 1] += lost  # of a command of which an amplifier with a dead band keeps less
         header = "y,c,i,r"
         np.savetxt(folder / f"{seed}.csv", own, delimiter=",", header=header, comments="", fmt="%.10g")
         tables.append(CAMPAIGN.format(name=seed, role=role, rate=RATE, kp=kp, kd=kd, td=TD))
@@ -117,6 +118,11 @@ def test_the_rotor_is_simulated_to_rest_where_it_was_recorded(leaning):
 def test_a_rotor_that_rests_at_its_centre_has_no_load(tmp_path):
     _, records = read_records(load_campaign(_campaign(tmp_path, 0.0)))
     assert [record.load for record in records] == [None, None, None]
+
+
+def test_the_current_tells_the_load_where_an_amplifier_does_not_keep_the_mean_of_its_command(tmp_path):
+    _, records = read_records(load_campaign(_campaign(tmp_path, 25.0, 0.1)))
+    assert [record.load[0] for record in records] == pytest.approx([-25.0] * 3, abs=0.1)
 
 
 @pytest.mark.slow
