@@ -9,7 +9,8 @@ from maglev_env.rig.protocol import Protocol
 from maglev_env.rig.rig import Rig
 
 PROTOCOLS = ("full", "quick")
-# Ratios of the quick fundamental to the full one: the first that leaves IN_BAND force lines in the target band.
+# Ratios of the quick fundamental to the full one: the first with whole samples in a period that leaves IN_BAND force
+# lines in the target band.
 _COARSER = (5, 3, 2, 1)
 IN_BAND = 2
 _EVERY = 3  # every third of the quick lines belongs to the injection
@@ -37,6 +38,9 @@ def env_protocol(rig: Rig, name: str) -> Protocol:
     if name == "full":
         return full
     for coarser in _COARSER:
+        samples = rig.control_rate / (coarser * full.excitations[0].fundamental)
+        if abs(samples - round(samples)) > 1e-6 * samples:  # a period of it would be no whole number of them
+            continue
         protocol = _quick(full, coarser)
         low, high = rig.target.band or (0.0, np.inf)
         at = lines_at(protocol.excitations, "force") * protocol.excitations[0].fundamental

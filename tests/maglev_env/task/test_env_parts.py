@@ -128,6 +128,16 @@ def test_the_quick_protocol_of_a_rig_that_nothing_controls_excites_its_force_alo
         env_protocol(replace(rig, protocol=None), "quick")
 
 
+def test_the_quick_protocol_of_a_slow_loop_has_whole_periods():
+    # Five times 1 Hz leaves too few lines in the band; three times does not divide the control rate of 20 kHz.
+    rig = load_rig("hmb_free")
+    rig = replace(rig, target=replace(rig.target, band=(14.0, 22.0)))
+    quick = env_protocol(rig, "quick")
+    fundamental = quick.excitations[0].fundamental
+    assert fundamental > rig.protocol.excitations[0].fundamental
+    assert quick.excitations[0].samples_per_period(rig.control_rate) * fundamental == rig.control_rate
+
+
 def test_observations_say_what_the_info_says():
     task = make_task("hmb_free", protocol="quick", draw_target=True)
     episode = task.draw(np.random.default_rng(0))
