@@ -192,9 +192,7 @@ def measured(
 ) -> dict[str, Measured]:
     """What a goal measures of n loops, and ALWAYS, by name.
 
-    A plant that runs away at rest is held by a loop gain beyond 1 at rest, and its gain may fall by some factor only.
-    Where the lowest line shows less gain, or less than AMPLE while no such factor follows from the lines, the loop has
-    margins below the lines: they are not known, and count as missed.
+    Margins that lie below the lines (`margins_below_lines`) are not known, and count as missed.
 
     Args:
         goal: The goal.
@@ -209,9 +207,7 @@ def measured(
     for name in ("peak_sensitivity", "phase_margin", "disk_margin"):
         found[name] = _with_error(margins[name], errors[name])
     found["gain_margin"] = _gain_margin(injection, margins, errors)
-    fall = gain_factors(*injection[:2], margins)[1]
-    lowest = np.abs(1 / injection[1][:, 0] - 1)
-    below = runs_away & ((lowest < 1) | (np.isnan(fall) & (lowest < AMPLE)))
+    below = runs_away & margins_below_lines(*injection[:2], margins)
     for name in LOOP:
         worst = np.inf if QUANTITIES[name].most else -np.inf
         own = found[name]
@@ -221,6 +217,25 @@ def measured(
     asked = {r.name: r for r in goal.measured}
     found["compliance"] = _compliance(force, asked.get("compliance"))
     return {name: found[name] for name in dict.fromkeys([*asked, *ALWAYS])}
+
+
+def margins_below_lines(
+    frequency: np.ndarray, sensitivity: np.ndarray, margins: Mapping[str, np.ndarray], share: float = 1.0
+) -> np.ndarray:
+    """Whether loops of a plant that runs away at rest have margins below their lines, (n,).
+
+    Such a plant is held by a loop gain beyond 1 at rest, and its gain may fall by some factor only. Where the lowest
+    line shows less gain, or less than AMPLE while no such factor follows from the lines, margins lie below the lines.
+
+    Args:
+        frequency: Of the injection lines, (f,), Hz.
+        sensitivity: (n, f).
+        margins: By `stability_margins.margin_arrays`.
+        share: Of the gain at the lowest line that counts.
+    """
+    fall = gain_factors(frequency, sensitivity, margins)[1]
+    lowest = share * np.abs(1 / sensitivity[:, 0] - 1)
+    return (lowest < 1) | (np.isnan(fall) & (lowest < AMPLE))
 
 
 def held(reading: Measured, name: str, hidden: np.ndarray) -> Measured:

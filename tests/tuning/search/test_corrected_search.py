@@ -220,3 +220,13 @@ def test_gains_whose_resonance_lies_between_the_lines_are_not_asked_for():
         model = LineModel(task, 0, task.layout.goal)
         points = task.box.actions(np.array([sharp, zone_b]))
         np.testing.assert_array_equal(model.sound(own, points), np.array(expected, bool))
+
+
+def test_gains_whose_margins_lie_below_the_lines_are_not_asked_for():
+    # The least noise is that of loops with a gain below 1 at the lowest line, where a goal counts margins as missed.
+    task = make_task("eframe", protocol="quick", goal="peak_sensitivity <= 3, best noise_current near 0.014")
+    preset = task.box.point(of_axis(task.rig.gains, 0))
+    episode = Episode(task.rig, task.target, preset, 3)
+    (trials,) = side_by_side(task, [episode], [ModelCorrected(task, episode, 0)], 5)
+    assert sum(np.isfinite(row["required_peak_sensitivity"]) for row in trials.info) >= 4
+    assert trials.score[1:].max() > trials.score[0]

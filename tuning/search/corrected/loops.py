@@ -8,7 +8,7 @@ import scipy
 from estimation.gain_margin import gain_factors
 from estimation.stability_margins import margin_arrays
 from maglev_env.evaluation.goal_score import misses
-from maglev_env.evaluation.requirements import LOOP
+from maglev_env.evaluation.requirements import LOOP, margins_below_lines
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.between_lines import between_lines
 from maglev_env.linear.loop import loop_response
@@ -23,6 +23,7 @@ from tuning.study.recommendation import PEAK_SENSITIVITY
 FINER = 5  # points between two lines at which a peak is sought
 CREST = 3.0  # peak over rms of the displacement; what it is really, the correction finds
 FEWEST = 8  # lines of a narrow band of the worst compliance: with fewer of them, all of the band are looked at
+SURE = 0.97  # share of the gain at the lowest line that counts where less would leave margins below the lines
 MOST_FORCED, MOST_FITTED = 60, 90  # force lines at which a search looks outside the target band, and a fit in all
 
 
@@ -59,7 +60,7 @@ class LineModel:
         self.frequency = np.concatenate([self.forced, self.injected])
         self._z, self._dt = np.exp(2j * np.pi * self.frequency / rig.control_rate), 1 / rig.control_rate
         self._inner = reads_current(rig.gains, self._dt)
-        self._noise = rig.noise
+        self._noise, self._runs_away = rig.noise, axis_rig(rig, axis).runs_away
         self.bands = [(self.forced >= low) & (self.forced <= high) for low, high in task.layout.bands]
         low, high = rig.target.band
         self.band = (self.forced >= low) & (self.forced <= high)
@@ -107,7 +108,8 @@ class LineModel:
         Args:
             loop: The open loop.
             points: The points.
-            whole: Whether margins and bands, (m, b), are among them; with a goal its margins always are.
+            whole: Whether margins and bands, (m, b), are among them; with a goal its margins always are, and whether
+                they lie below the lines.
         """
         few = self.even if whole else self.few
         at = np.concatenate([few, self.f + np.arange(self.s)])
@@ -131,6 +133,7 @@ class LineModel:
         if whole or self.goal:
             margins = margin_arrays(self.injected, sensitivity)
             found |= margins
+            found["below_lines"] = self._runs_away & margins_below_lines(self.injected, sensitivity, margins, SURE)
             found["gain_margin"] = np.fmin(*gain_factors(self.injected, sensitivity, margins))
         else:
             found["peak_sensitivity"] = self._peak(loop_gain[:, n:])

@@ -8,8 +8,10 @@ import numpy as np
 
 from estimation.normal import NORMAL_95
 from maglev_env.evaluation.goal_score import goal_score, goal_terms
+from maglev_env.evaluation.requirements import LOOP
 from maglev_env.evaluation.score import score, terms
 from maglev_env.loop.gains import of_axis
+from maglev_env.rig.goal import QUANTITIES
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
 from tuning.search.corrected.discrepancy import Discrepancy
@@ -139,6 +141,9 @@ class ModelCorrected:
             key, scale = ("peak_displacement", self._target.clearance) if name == "displacement" else (name, 1.0)
             key = self._limits.get(name, key)
             found[name] = np.array([[values[key] / scale for values in axes] for axes in every])
+            if name in LOOP:  # such margins count as missed, whatever they are
+                below = np.array([[values["below_lines"] for values in axes] for axes in every])
+                found[name][below] = np.inf if QUANTITIES[name].most else -np.inf
         if self._events:
             rig = self._parameters.rig_at(self._thetas[0])
             episode = Episode(rig, self._target, self._start, 0)
