@@ -8,11 +8,13 @@ import gc
 import os
 import sys
 from collections import Counter
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from tempfile import gettempdir
 
 import pytest
+from typer import testing
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the commands do; read when numpy is imported
 
@@ -22,6 +24,8 @@ sys.path = [entry for entry in sys.path if Path(entry or ".").resolve() != Path(
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # A runner would build the options of all commands for each call anew: three quarters of what a refused call takes.
+    testing._get_command = cache(testing._get_command)
     worker = getattr(config, "workerinput", None)
     if worker is not None:
         _read_from_both_ends(config, worker["workerid"])
