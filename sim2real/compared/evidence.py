@@ -74,7 +74,11 @@ def evidence_of(
         current = record.mean("current") if "current" in record.periods else None
         measured = opened.residuals(record.mean("displacement"), current)
         nuisances = changes(record.errors, record.frequency, opened.outputs, opened.parts(record))
-        return Evidence(opened, predictor(record, opened), measured, noise_of(record, opened), nuisances)
+        predicts = predictor(record, opened)
+        if record.load is not None and np.isfinite(held := predicts([near])[0]).all():
+            moved = {name: predictor(own, opened)([near])[0] for name, own in loads_off(record).items()}
+            nuisances |= shape_columns(held, moved)
+        return Evidence(opened, predicts, measured, noise_of(record, opened), nuisances)
     unbent, bends = record.nominal, {name: -amounts[name] for name in (FORM_NAME, STEEPNESS_NAME) if name in amounts}
     # Where the mass rests, a law that bends would take up what motion says against means and weight.
     if bends and shows_shape(record) and record.axes == 1 and record.rests is None:

@@ -21,11 +21,13 @@ from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.rig.excitation import PLACES, axis_excitations, lines_at
 from maglev_env.rig.rig import Rig
+from sim2real.recorded.along_motion import Motion
 from sim2real.recorded.at_rest.static_evidence import Rests, rests_of
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.current_by_voltage import driven_by_voltage, told_by_voltage
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.static_load import load_in_words, static_load
 from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, near_tones
 from sim2real.recorded.wander import without_wander
@@ -58,6 +60,8 @@ class Record:
         errors: What may be wrong with its channels.
         rests: What its means say of a suspended mass; None: nothing.
         elsewhere: Frequencies (Hz) of tones of unknown origin that other recordings show.
+        load: Constant forces (axes,) with which a rotor between opposed magnets is simulated to rest where it was
+            recorded, N; None: none.
     """
 
     name: str
@@ -77,6 +81,7 @@ class Record:
     errors: tuple[ChannelError, ...] = ()
     rests: Rests | None = None
     elsewhere: tuple[float, ...] = ()
+    load: np.ndarray | None = None
 
     @property
     def masked(self) -> np.ndarray:
@@ -203,7 +208,11 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     kept = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
     periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}
     waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
-    notes = signals.assumed + ((f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped))
+    load = _load(e, channels, whole, every)
+    if load is not None:
+        waves["force"] = waves["force"] + load[:, None]
+    notes = (*signals.assumed, *load_in_words(load))
+    notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
     start = dropped / e.fundamental
     return Record(
         spec.file,
@@ -222,7 +231,18 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         notes,
         channel_errors(spec),
         rests_of(rig, spec, dataset),
+        load=load,
     )
+
+
+def _load(e: Experiment, channels: Mapping[str, np.ndarray], whole: slice, every: int) -> np.ndarray | None:
+    """What constant force (axes,) the magnets lack where the rotor rests, N; None where nothing is lacking, or neither
+    current nor command tells what they pull."""
+    told = next(((kind, held) for kind, held in (("current", False), ("command", True)) if kind in channels), None)
+    if told is None:
+        return None
+    motion = Motion(channels[told[0]][:, whole], channels["displacement"][:, whole], told[1], every)
+    return static_load(e, motion, np.zeros(e.rig.axes))
 
 
 def _under_voltage(rig: Rig, kinds: Collection[str]) -> bool:

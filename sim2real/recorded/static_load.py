@@ -7,15 +7,22 @@ hold was named an eccentricity and a stop beside it.
 """
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
-from sim2real.recorded.open_record import OpenRecord
+
+if TYPE_CHECKING:
+    from sim2real.recorded.open_record import OpenRecord
+    from sim2real.recorded.records import Record
 
 LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
+
+
+Loaded = TypeVar("Loaded", "Record", "OpenRecord")
 
 
 def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> np.ndarray | None:
@@ -54,7 +61,7 @@ def load_in_words(load: np.ndarray | None) -> list[str]:
     ]
 
 
-def loads_off(record: OpenRecord) -> dict[str, OpenRecord]:
+def loads_off(record: Loaded) -> dict[str, Loaded]:
     """The record with twice the load of an axis, by a name: all of it may be something else than a load."""
     if record.load is None:
         return {}
