@@ -11,6 +11,7 @@ import argparse
 import json
 import os
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -21,8 +22,11 @@ from truth import truth
 
 from maglev_env.design.defaults import with_defaults
 from maglev_env.design.goals import goal_of, with_goal
-from maglev_env.rig.goal import parse_goal
+from maglev_env.rig.goal import QUANTITIES, parse_goal
 from maglev_env.rig.rig_file import load_rig
+
+sys.path.append(str(Path(__file__).parents[1]))
+from shares import wilson
 
 MOST = 8  # recordings of a campaign
 
@@ -102,6 +106,23 @@ def shown(row):
     )
 
 
+def counted(rows):
+    """What all cases come to: a truth is worse than claimed where it lies beyond the claim's worse end."""
+    kept = [r for r in rows if r.get("kept")]
+    met = [all(v["met"] for v in r["values"].values()) for r in kept]
+    told = [all(v["met"] or n in r["missed"] or n in r["unsure"] for n, v in r["values"].items()) for r in kept]
+    every = [(n, v) for r in kept for n, v in r["values"].items() if v["in"] is not None]
+    worse = sum(v["true"] > v["claim"][2] if QUANTITIES[n].most else v["true"] < v["claim"][1] for n, v in every)
+    return (
+        f"{len(rows)} cases, {len(kept)} kept gains, {sum('error' in r for r in rows)} ended in an error; every "
+        f"requirement truly met: {wilson(sum(met), len(rows))}; that, or each miss claimed or unsure, or no gains kept "
+        f"for a stated reason: {wilson(sum(told) + sum(r.get('kept') is False for r in rows), len(rows))}; truths "
+        f"in their interval: {wilson(sum(v['in'] for _, v in every), len(every))}, worse than claimed {worse}; "
+        f"recordings, median {np.median([r['recordings'] for r in kept] or [0]):g}; touchdowns "
+        f"{sum(r.get('touchdowns', 0) for r in rows)}"
+    )
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
@@ -128,15 +149,8 @@ def main():
             continue
         rows.append(json.loads(path.read_text()))
         print(f"{index:03d} {shown(rows[-1])}", flush=True)
-    kept = [r for r in rows if r.get("kept")]
-    every = [v for r in kept for v in r["values"].values() if v["in"] is not None]
-    if kept:
-        met = sum(all(v["met"] for v in r["values"].values()) for r in kept)
-        print(
-            f"{len(rows)} cases, {len(kept)} kept gains; truly met {met}; in interval "
-            f"{sum(v['in'] for v in every)} of {len(every)}; recordings median "
-            f"{np.median([r['recordings'] for r in kept]):g}; touchdowns {sum(r.get('touchdowns', 0) for r in rows)}"
-        )
+    if rows:
+        print(counted(rows))
 
 
 if __name__ == "__main__":
