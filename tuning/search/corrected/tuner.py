@@ -141,7 +141,7 @@ class ModelCorrected:
             key, scale = ("peak_displacement", self._target.clearance) if name == "displacement" else (name, 1.0)
             key = self._limits.get(name, key)
             found[name] = np.array([[values[key] / scale for values in axes] for axes in every])
-            if name in LOOP:  # such margins count as missed, whatever they are
+            if self._goal and name in LOOP:  # such margins count as missed, whatever they are
                 below = np.array([[values["below_lines"] for values in axes] for axes in every])
                 found[name][below] = np.inf if QUANTITIES[name].most else -np.inf
         if self._events:
