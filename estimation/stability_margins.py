@@ -113,11 +113,17 @@ def margin_arrays(frequency: ArrayLike, sensitivity: ArrayLike) -> dict[str, Arr
     """
     gain = _checked_gain(frequency, sensitivity)
     grid, curves = refined_parts(frequency, gain.reshape(-1, gain.shape[-1]), TOGETHER)
-    parts = [_margin_arrays(grid, curve) for curve in curves]
+    parts = [margins_of_curves(grid, curve) for curve in curves]
     return {name: np.concatenate([part[name] for part in parts]).reshape(gain.shape[:-1]) for name in parts[0]}
 
 
-def _margin_arrays(grid: Array, gain: NDArray[np.complex128]) -> dict[str, Array]:
+def margins_of_curves(grid: Array, gain: NDArray[np.complex128]) -> dict[str, Array]:
+    """As `margin_arrays`, of loop gains (..., m) that are known so closely that nothing is laid through them.
+
+    Args:
+        grid: Increasing logarithms of frequencies in Hz, (m,).
+        gain: Loop gains.
+    """
     re, im = gain.real, gain.imag
     out: dict[str, Array] = {}
     out["peak_sensitivity"], out["peak_frequency"] = _peak(grid, gain)
@@ -314,7 +320,7 @@ def _drawn_margins(
         inside = (found.log_frequency >= low) & (found.log_frequency <= high) & np.isfinite(factor)
         away = np.where(inside, -factor, np.where(np.isinf(factor), np.inf, away))
         ends = {"nearest_below": found.least(factor, factor)[0], "furthest_below": found.least(factor, away)[0]}
-        return _margin_arrays(grid, curve) | ends
+        return margins_of_curves(grid, curve) | ends
 
     grid, curves = refined_parts(f, gain, TOGETHER)
     parts = [read(curve) for curve in curves]

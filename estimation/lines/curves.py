@@ -36,8 +36,8 @@ def refined_parts(
 ) -> tuple[Array, Iterator[NDArray[np.complex128]]]:
     """As `refine`, of values (k, n), a few curves (`together`, m) at a time, which stay in the fast memory."""
     x = np.log(_checked_frequency(frequency))
-    inside = x[:-1, None] + np.diff(x)[:, None] * (np.arange(REFINEMENT) / REFINEMENT)
-    grid = np.append(inside.ravel(), x[-1])
+    grid = refined_grid(x)
+    inside = grid[:-1].reshape(-1, REFINEMENT)
     coefficients = scipy.interpolate.CubicSpline(x, values, axis=-1).c  # (4, n - 1, k)
 
     def parts() -> Iterator[NDArray[np.complex128]]:
@@ -51,6 +51,12 @@ def refined_parts(
             yield np.ascontiguousarray(curve.view(complex).T)
 
     return grid, parts()
+
+
+def refined_grid(log_frequency: Array, times: int = REFINEMENT) -> Array:
+    """The grid (m,) of `refine` for logarithms of frequencies (n,), with so many points per interval."""
+    steps = np.diff(log_frequency)[:, None] * (np.arange(times) / times)
+    return np.append((log_frequency[:-1, None] + steps).ravel(), log_frequency[-1])
 
 
 def _cubic(coefficients: Array, s: ArrayLike, out: Array) -> None:

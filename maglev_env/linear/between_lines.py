@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.gain_margin import gain_factors
-from estimation.stability_margins import margin_arrays
+from estimation.gain_margin import LOWEST, gain_factors
+from estimation.lines.curves import REFINEMENT, refined_grid
+from estimation.stability_margins import margin_arrays, margins_of_curves
 from maglev_env.experiment import Experiment
 from maglev_env.linear.poles import all_poles
 
@@ -18,6 +19,7 @@ CAUTION = 1.02  # factor below HIDDEN from which on a loop is looked at closely
 EVENLY = 60  # frequencies between two lines around a narrow pole
 # Distances from such a pole, times half its width at half power: a thousandth of the peak is lost between them.
 BESIDE = np.concatenate([[0.0], np.geomspace(0.1, 1e3, 49)])
+CLOSER = 4  # times as many frequencies, once a loop is looked at closely: the peak is then right within 1e-4
 CLOSE = 1e-9  # of a frequency
 TOP = 0.49  # of the control rate, up to which a loop is looked at
 
@@ -47,19 +49,41 @@ def between_lines(
     own = np.unique(beside.loop)
     if not own.size:
         return found
-    closed = _padded([poles[i] for i in own])
-    broken = _padded(all_poles([experiments[i] for i in own], axis))
-    seen = margin_arrays(lines, _sensitivity(np.broadcast_to(lines, (own.size, lines.size)), broken, closed, rate))
-    for k in _may_hide(beside, seen, broken, closed, lines, rate):
-        frequency = _joined(beside.of(own[k]).frequencies(), lines, rate)
-        s = _sensitivity(frequency[None], broken[k : k + 1], closed[k : k + 1], rate)[0]
-        whole = margin_arrays(frequency, s)
-        if not _hides({name: values[k] for name, values in seen.items()}, whole):
-            continue
-        whole["gain_margin"] = np.fmin(*gain_factors(frequency, s, whole))
-        for name in NAMES:
-            found[name][own[k]] = whole[name]
+    broken = all_poles([experiments[i] for i in own], without=axis)
+    loops = _Loops(_padded(broken), _padded([poles[i] for i in own]), rate)
+    seen = margin_arrays(lines, loops.sensitivity(lines))
+    for k in _may_hide(beside, loops, seen, lines):
+        whole = _whole(beside.of(own[k]), loops.chosen([k]), lines)
+        if _hides({name: values[k] for name, values in seen.items()}, whole):
+            for name in NAMES:
+                found[name][own[k]] = whole[name]
     return found
+
+
+@dataclass(frozen=True)
+class _Loops:
+    """Loops by the poles (n, p) of each broken at one axis and closed, and their control rate in Hz."""
+
+    broken: np.ndarray
+    closed: np.ndarray
+    rate: float
+
+    def chosen(self, which: np.ndarray | list[int]) -> "_Loops":
+        """Those of some numbers, any of them several times."""
+        return _Loops(self.broken[which], self.closed[which], self.rate)
+
+    def sensitivity(self, frequency: np.ndarray) -> np.ndarray:
+        """Sensitivities (n, f) of the axis at frequencies (f,), or at those of each loop (n, f), Hz.
+
+        1 / S of an axis is the determinant of the closed loop over that of the loop broken there. Both are products of
+        distances from poles, which takes a tenth of the time of `loop.loop_response`.
+        """
+        z = np.exp(2j * np.pi / self.rate * frequency)
+        over, under = np.ones((2, len(self.closed), z.shape[-1]), complex)
+        for a, b in zip(self.broken.T, self.closed.T, strict=True):
+            over *= z - a[:, None]
+            under *= z - b[:, None]
+        return over / under
 
 
 @dataclass(frozen=True)
@@ -104,21 +128,14 @@ class _Beside:
         return np.concatenate([np.linspace(self.low, self.high, EVENLY + 2, axis=1), at + near, at - near], axis=1)
 
 
-def _may_hide(
-    beside: _Beside,
-    seen: Mapping[str, np.ndarray],
-    broken: np.ndarray,
-    closed: np.ndarray,
-    lines: np.ndarray,
-    rate: float,
-) -> np.ndarray:
-    """Which of the loops that have a narrow pole, by number among these, may be worse beside it than it is `seen`.
+def _may_hide(beside: _Beside, loops: _Loops, seen: Mapping[str, np.ndarray], lines: np.ndarray) -> np.ndarray:
+    """Which of the loops that have a narrow pole, by number among these, may be worse beside it than they are `seen`.
 
-    The loop's values there are taken without a curve through them, so one that is not far below HIDDEN is told, too.
+    The loops' values there are taken as they are, so one that is not far below HIDDEN is told, too.
     """
     row = np.unique(beside.loop, return_inverse=True)[1]
-    frequency = np.sort(np.clip(beside.frequencies(), lines[0] / 2, TOP * rate), axis=1)
-    s = _sensitivity(frequency, broken[row], closed[row], rate)
+    frequency = np.sort(np.clip(beside.frequencies(), lines[0] / 2, TOP * loops.rate), axis=1)
+    s = loops.chosen(row).sensitivity(frequency)
     near = HIDDEN / CAUTION
     worse = np.abs(s).max(axis=1) > near * seen["peak_sensitivity"][row]
     worse |= np.abs(s - 0.5).max(axis=1) * seen["disk_margin"][row] > near
@@ -133,34 +150,33 @@ def _may_hide(
     return np.unique(row[worse])
 
 
-def _sensitivity(frequency: np.ndarray, broken: np.ndarray, closed: np.ndarray, rate: float) -> np.ndarray:
-    """Sensitivities (n, f) of n loops at frequencies (n, f), Hz, of the poles (n, p) of the broken and the closed loop.
+def _whole(beside: _Beside, loop: _Loops, lines: np.ndarray) -> dict[str, np.ndarray]:
+    """Margins of one loop, of its values themselves on a fine grid.
 
-    1 / S of an axis is the determinant of the closed loop over that of the loop broken there. Both are products of
-    distances from poles, which takes a tenth of the time of `loop.loop_response`.
+    No curve is laid through them: one through points that are close together beside a pole and far apart elsewhere
+    swings there.
     """
-    z = np.exp(2j * np.pi / rate * frequency)
-    over, under = np.ones_like(z), np.ones_like(z)
-    for a, b in zip(broken.T, closed.T, strict=True):
-        over *= z - a[:, None]
-        under *= z - b[:, None]
-    return over / under
+    between = beside.frequencies()
+    between = np.unique(between[(between > lines[0] / 2) & (between < TOP * loop.rate)])
+    frequency = _joined(*(np.exp(refined_grid(np.log(f), n)) for f, n in ((lines, REFINEMENT), (between, CLOSER))))
+    whole = margins_of_curves(np.log(frequency), 1 / loop.sensitivity(frequency)[0] - 1)
+    lowest = _joined(lines[:LOWEST], between[:LOWEST])
+    whole["gain_margin"] = np.fmin(*gain_factors(lowest, loop.sensitivity(lowest)[0], whole))
+    return whole
 
 
 def _padded(poles: Sequence[np.ndarray]) -> np.ndarray:
-    """Poles of n loops, (n, p); a loop with fewer has more at the origin, in `_sensitivity` as many above as below."""
+    """Poles of n loops, (n, p); a loop with fewer has more at the origin, in `_Loops` as many broken as closed."""
     found = np.zeros((len(poles), max(map(len, poles))), complex)
     for row, own in zip(found, poles, strict=True):
         row[: len(own)] = own
     return found
 
 
-def _joined(between: np.ndarray, lines: np.ndarray, rate: float) -> np.ndarray:
-    """The lines and the frequencies between them, without those that all but coincide: no curve passes these."""
-    between = np.unique(between[(between > lines[0] / 2) & (between < TOP * rate)])
-    log = np.log(between)
-    away = np.abs(log[:, None] - np.log(lines)).min(axis=1) > CLOSE
-    return np.union1d(lines, between[away & (np.diff(log, prepend=-np.inf) > CLOSE)])
+def _joined(*frequencies: np.ndarray) -> np.ndarray:
+    """All of several sets of frequencies, increasing, and one of each few that all but meet."""
+    found = np.unique(np.concatenate(frequencies))
+    return found[np.diff(np.log(found), prepend=-np.inf) > CLOSE]
 
 
 def _hides(seen: Mapping[str, np.ndarray], whole: Mapping[str, np.ndarray]) -> bool:

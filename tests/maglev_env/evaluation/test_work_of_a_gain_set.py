@@ -1,4 +1,4 @@
-"""How much the interpreter does for a gain set: counted, as a test that measures time tells what else a machine does."""
+"""How much the interpreter does for a gain set, counted: a time would tell what else a machine does."""
 
 import sys
 from dataclasses import replace
@@ -38,7 +38,9 @@ def test_gain_sets_of_a_sweep_are_judged_together():
     quick, rng, n = replace(FREE, protocol=env_protocol(FREE, "quick")), np.random.default_rng(1), LONGER * CHUNK
     drawn = {name: np.exp(rng.uniform(*np.log(ends), n)) for name, ends in FREE.bounds.items()}
     experiments = [
-        protocol_experiment(quick, with_gains(quick.gains, **{name: float(values[i]) for name, values in drawn.items()}))
+        protocol_experiment(
+            quick, with_gains(quick.gains, **{name: float(values[i]) for name, values in drawn.items()})
+        )
         for i in range(n)
     ]
     evaluate(experiments, threads=1)  # imports, compiles, and works out the rig

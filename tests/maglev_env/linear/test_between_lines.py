@@ -7,12 +7,13 @@ import pytest
 
 from estimation.stability_margins import margin_arrays
 from maglev_env.experiment import axis_experiment, protocol_experiment
-from maglev_env.linear.between_lines import _joined, _sensitivity, between_lines
+from maglev_env.linear.between_lines import _joined, _Loops, between_lines
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import all_poles, pole_radii
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import Gains, with_gains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig_file import load_rig
+from maglev_env.task.protocol import env_protocol
 
 FREE = load_rig("hmb_free")
 # The second body of docs/controllers.md: a mode at 657 Hz between the lines at 637 and 671 Hz.
@@ -64,6 +65,26 @@ def test_a_phase_margin_may_be_hidden_where_the_peak_is_not():
     assert found([e])["phase_margin"][0] == pytest.approx(dense, abs=0.1)
 
 
+def test_what_is_hidden_is_the_loops_own_and_not_a_curves():
+    """A spline through points beside a pole had made peaks of 46 for 6.7, and gain margins of 1.04 for 70."""
+    rig, rng = load_rig("hmb_radial"), np.random.default_rng(2)
+    rig = replace(rig, protocol=env_protocol(rig, "quick"))
+    drawn = [{n: float(rng.uniform(*rig.bounds[n])) for n in ("kp", "ki", "kd")} for _ in range(48)]
+    experiments = [protocol_experiment(rig, with_gains(rig.gains, **own)) for own in drawn]
+    hidden = found(experiments, 1)
+    assert np.isfinite(hidden["peak_sensitivity"]).sum() > 20
+    for e, poles, peak, at in zip(
+        experiments, all_poles(experiments), hidden["peak_sensitivity"], hidden["peak_frequency"], strict=True
+    ):
+        resonances = np.angle(poles[poles.imag > 0]) * rig.control_rate / (2 * np.pi)
+        beside = (resonances[:, None] * (1 + np.linspace(-0.02, 0.02, 801))).ravel()
+        f = np.union1d(np.geomspace(15, 0.49 * rig.control_rate, 4000), beside[(beside > 15) & (beside < 9800)])
+        s = np.abs(loop_response(e, f).sensitivity[:, 1, 1])
+        assert np.isnan(peak) or (peak, at) == (
+            pytest.approx(s.max(), rel=5e-4), pytest.approx(f[s.argmax()], rel=2e-3)
+        )  # fmt: skip
+
+
 @pytest.mark.parametrize("effects", [{}, RESONANT, {"dropped_samples": {"probability": 0.05}}])
 @pytest.mark.parametrize("name", ["hmb_free", "hmb_radial"])
 def test_poles_give_the_sensitivity_of_the_loops_response(name, effects):
@@ -72,7 +93,7 @@ def test_poles_give_the_sensitivity_of_the_loops_response(name, effects):
     expected = loop_response(e, f).sensitivity.reshape(200, e.rig.axes, e.rig.axes)
     for axis in range(e.rig.axes):
         broken, closed = all_poles([e], without=axis)[0], all_poles([e])[0]
-        s = _sensitivity(f[None], broken[None], closed[None], rate)[0]
+        s = _Loops(broken[None], closed[None], rate).sensitivity(f)[0]
         assert np.abs(s / expected[:, axis, axis] - 1).max() < 1e-8
 
 
@@ -85,10 +106,10 @@ def test_loops_with_a_narrow_pole_are_looked_at_together(monkeypatch):
         "maglev_env.linear.between_lines.margin_arrays", lambda *a: calls.append(a) or margin_arrays(*a)
     )
     alone = [found([e])["peak_sensitivity"][0] for e in experiments]
-    assert len(calls) > 10
+    assert len(calls) > 5
     calls.clear()
     assert np.array_equal(found(experiments)["peak_sensitivity"], alone, equal_nan=True)
-    assert len(calls) < 5
+    assert len(calls) == 1
 
 
 @pytest.mark.parametrize("name", ["hmb_free", "hmb_radial", "eframe"])
@@ -108,4 +129,4 @@ def test_frequencies_that_all_but_coincide_are_one():
     """A pole between two lines may lie on a frequency of the even grid, up to rounding."""
     lines = np.array([10.0, 20.0, 30.0])
     between = np.array([15.0, np.nextafter(15.0, 16.0), np.nextafter(20.0, 21.0), 25.0])
-    assert _joined(between, lines, 1000.0).tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
+    assert _joined(lines, between).tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
