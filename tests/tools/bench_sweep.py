@@ -48,8 +48,8 @@ def _run(environment: dict[str, str], options: list[str]) -> tuple[float, float]
     """Seconds by the clock and of processors that a sweep takes."""
     with tempfile.TemporaryDirectory(prefix="bench-sweep-") as folder:
         before, started = sum(os.times()[2:4]), perf_counter()
-        command = [sys.executable, "-P", "-c", _COMMAND, "sweep", "--quiet", "--out", f"{folder}/out", *options]
-        subprocess.run(command, env=environment, check=True)
+        command = [sys.executable, "-P", "-c", _COMMAND, "sweep", "--out", f"{folder}/out", *options]
+        subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         return perf_counter() - started, sum(os.times()[2:4]) - before
 
 
@@ -71,7 +71,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         quick = Path(folder) / "quick.toml"
         command = [sys.executable, "-P", "-c", _QUICK]
-        quick.write_text(subprocess.run(command, env=environments[0], stdout=subprocess.PIPE, text=True).stdout)
+        quick.write_text(subprocess.run(command, env=environments[1], stdout=subprocess.PIPE, text=True).stdout)
         print(f"old: {trees[0]}\nnew: {trees[1]}\nload average {os.getloadavg()[0]:.1f}\n")
         heads = "".join(f"{clock:>10}{'new':>8}{'best':>7}{'median':>7}" for clock in ("clock old", "cpu old"))
         print(f"{'':<30}{heads}")
