@@ -75,7 +75,7 @@ class Experiment:
         if isinstance(self.gains, tuple) and len(self.gains) != 2:
             raise ValueError(f"experiment: {len(self.gains)} controllers; give one for both axes, or one for each")
         self._check_current()
-        if self.rig.axes == 1 and any(e.components[1] for e in self.excitations):
+        if self.rig.axes == 1 and any(e.direction and e.components[1] for e in self.excitations):
             raise ValueError(
                 f"experiment: rig {self.rig.name} has one axis: a direction is 0, or 180 degrees to act against it"
             )

@@ -38,8 +38,8 @@ class Gains:
     ti: float = gain(TIME_CONSTANT, 0.0318)
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if not is_number(value):
+        for name in self.__dataclass_fields__:  # not `asdict`, which copies: a sweep makes many
+            if not is_number(value := getattr(self, name)):
                 raise ValueError(f"gains: {name} = {value!r} is not a finite number")
         for name in ("td", "ti"):
             if getattr(self, name) <= 0:
@@ -99,6 +99,8 @@ def with_gains(controllers: Controllers, **changes: float) -> Controllers:
 
 
 def _with_gains(controller: Controller, **changes: float) -> Controller:
+    if isinstance(controller, Gains) and changes.keys() <= controller.__dataclass_fields__.keys():
+        return replace(controller, **changes)  # which has no parts; a sweep asks for many
     known = () if isinstance(controller, LinearController) else (f.name for f in fields(controller))
     known = {*known, *gain_values(controller)}
     if missing := [name for name in changes if name not in known]:
