@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+import scipy
 
-from estimation.lines.curves import crossings, largest, refine, smooth_response
+from estimation.lines.curves import _spline, crossings, largest, refine, smooth_response
 
 FREQUENCY = np.geomspace(1, 100, 60)
 
@@ -12,6 +13,14 @@ def test_refine_passes_through_the_lines_of_a_batch():
     assert curve.shape == (2, grid.size) == (2, 16 * 59 + 1)
     np.testing.assert_allclose(np.exp(grid[::16]), FREQUENCY)
     np.testing.assert_allclose(curve[:, ::16], values, atol=1e-12)
+
+
+@pytest.mark.parametrize("n, k", [(4, 1), (5, 3), (90, 20)])
+def test_the_spline_is_that_of_scipy(n, k):
+    rng = np.random.default_rng(n)
+    x, values = np.cumsum(rng.uniform(0.01, 1.0, n)), rng.standard_normal((2, k, n))
+    values = values[0] + 1j * values[1]
+    np.testing.assert_allclose(_spline(x, values), scipy.interpolate.CubicSpline(x, values, axis=-1).c, rtol=1e-9)
 
 
 def test_largest_finds_the_vertex_on_an_uneven_grid_and_keeps_the_ends():

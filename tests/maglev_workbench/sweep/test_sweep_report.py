@@ -1,6 +1,8 @@
 """Sweep reports on datasets written by hand: order, JSON, escaping, and every layout of a sweep."""
 
 import json
+import subprocess
+import sys
 from io import StringIO
 from itertools import product
 
@@ -234,3 +236,20 @@ def test_gains_of_filters_are_shown_where_they_differ():
     shown = sweep_page(d)
     assert "notch_frequency 700 Hz, notch_depth 0.300 with score 0.800" in shown
     assert "notch_frequency in Hz" in shown and "Maps over the gains" in shown
+
+
+LIGHT = """
+import sys
+from maglev_workbench.cli import app
+try:
+    app(["sweep", "--kp", "8000:9000:2", "--kd", "5:6:2", "--out", sys.argv[1], "--quiet"])
+except SystemExit as end:
+    assert not end.code
+print(*(name for name in ("xarray", "pandas", "dask.array", "scipy.stats", "scipy.interpolate") if name in sys.modules))
+"""
+
+
+def test_a_sweep_imports_nothing_that_takes_longer_than_itself(tmp_path):
+    command = [sys.executable, "-c", LIGHT, tmp_path / "out"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "" and (tmp_path / "out" / "sweep.html").exists()
