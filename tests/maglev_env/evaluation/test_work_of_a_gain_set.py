@@ -12,9 +12,9 @@ from maglev_env.rig.rig_file import load_rig
 from maglev_env.task.protocol import env_protocol
 
 FREE = load_rig("hmb_free")
-# Calls of Python's and numpy's functions for one gain set, among as many as a sweep evaluates at a time: 160 when this
+# Calls of Python's and numpy's functions for one gain set, among as many as a sweep evaluates at a time: 200 when this
 # was written. What is done for each gain set by itself, or for each of those with some feature, takes hundreds: a look
-# at the loops with a narrow pole one by one took 1,600, and three quarters of a sweep's time.
+# at the loops with a narrow pole one by one took 1,300, and three quarters of a sweep's time.
 MOST = 250
 
 
