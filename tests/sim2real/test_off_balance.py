@@ -12,12 +12,15 @@ from maglev_env.rig.rig_file import rig_from_toml
 from sim2real.diagnosis import diagnose
 from sim2real.recorded.records import read_records
 from sim2real.report import sentence
+from sim2real.search import attribute
 
 SHARE = 0.08  # of the bias current
 
 
 @pytest.mark.slow
-def test_an_offset_that_no_stated_tolerance_makes_evidence_does_not_show_and_is_said(tmp_path):
+def test_an_offset_that_no_stated_tolerance_makes_evidence_does_not_show_and_is_said(tmp_path, monkeypatch):
+    few = ("actuator_offset", "actuator_gain", "negative_stiffness", "cubic_spring", "delay")
+    monkeypatch.setattr(attribute, "single_effects", lambda rig: few)
     rig, rng = rig_from_toml(BALL, "ball.toml"), np.random.default_rng(2)
     bias = force_law(rig).bias_current
     runs = {}
