@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from maglev_env.evaluation import identification
 from maglev_env.evaluation.identification import identify
 from maglev_env.evaluation.known_mass import within_tolerance_of_mass
 from maglev_env.experiment import Experiment
@@ -52,7 +53,9 @@ def answers(name, at, tolerance, size, lines):
         ("pedestal", "force", 0.02, 1.7, tuple(range(1, 200))),  # the mass moves the upper bands most
     ],
 )
-def test_the_answer_covers_where_all_bands_have_an_error_in_common(name, at, tolerance, size, lines):
+def test_the_answer_covers_where_all_bands_have_an_error_in_common(name, at, tolerance, size, lines, monkeypatch):
+    # Margins and their intervals would take longer than all the rest, and the answer has nothing of them.
+    monkeypatch.setattr(identification, "stability_of", lambda *_: (None, ""))
     rig = load_rig(name)
     truth = rig.negative_stiffness if at == "current" else rig.support_stiffness
     found = answers(name, at, tolerance, size, lines)
