@@ -1,6 +1,7 @@
 """From a recording to its estimate: known rigs come back, and what cannot be known is said."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from estimation.band_mean import band_mean
 from estimation.bands import band_slices
 from estimation.lines.frequency_response import frequency_response
 from estimation.max_likelihood import maximum_likelihood
-from estimation.stability_margins import margins
+from estimation.stability_margins import margins as margins_of_all_draws
 from maglev_env.design.protocols import diagnosis_campaign, sphs_campaign
-from maglev_env.evaluation import identification
+from maglev_env.evaluation import identification, stability
 from maglev_env.evaluation.identification import identify
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
@@ -31,6 +32,16 @@ from maglev_env.recordings.spectra import RecordedSignals
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import with_parameters
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
+
+# The 2000 draws of each estimate would take most of the time; how well they cover is counted where margins are tested.
+margins = partial(margins_of_all_draws, draws=400)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def fewer_draws():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stability, "margins", margins)
+        yield
 
 
 def recorded(e, held=True):
