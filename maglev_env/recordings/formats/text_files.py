@@ -35,6 +35,7 @@ _SHOWN = 40  # characters of a line
 _BLOCK = 65536
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # the exponent of a double in Fortran's files
 Rewritten = Callable[[Iterator[tuple[int, str]]], Iterator[tuple[int, str]]]  # numbered lines as those of a table
+_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})+")  # no decimal sign stands twice in a number
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -210,6 +211,12 @@ def _numbers(
                 clocks.add(j)
             elif (seconds := duration(cell)) is not None:
                 values[i, j] = seconds
+            elif (grouped := _GROUPS.fullmatch(cell)) and grouped[1] == layout.decimal:
+                # In other cells, 4,620 above 973, it would be taken for a decimal sign: one number a thousandth of it.
+                raise Refused(
+                    f"{cell!r} in line {number} (sample {sample + i}) holds thousands separators, which are not read: "
+                    "write all numbers without them"
+                )
             else:
                 unread.cell(j, cell, number, sample + i)
     return values

@@ -146,7 +146,7 @@ def _signs(rows: list[str], head: Sequence[str], stated: TextLayout) -> tuple[st
         if separator not in (" ", stated.separator) and 2 * sum(separator in row for row in rows) < len(rows):
             continue
         cells = [cell for row in rows for cell in cells_of(row, separator) if cell]
-        if separator in (";", "\t") and (grouped := next(filter(_THOUSANDS.fullmatch, cells), None)):
+        if separator != " " and (grouped := next(filter(_THOUSANDS.fullmatch, cells), None)):
             raise Refused(f"{grouped!r} holds a thousands separator, which is not read: write the numbers without it")
         for decimal in [stated.decimal] if stated.decimal else DECIMALS:
             # A file of whole numbers has no decimal sign; it is read with a point.

@@ -154,6 +154,9 @@ def test_a_matrix_of_matlab_keeps_all_its_columns_and_names_of_several_words(tmp
         ("F;y\n1;1,234\n2;5,678\n", "y", ["'5,678'", "thousands separator", "format = {"]),
         ('F,y\n1,"1,234"\n2,"5,678"\n', "y", ["'5,678'", "thousands separator"]),
         ("F;y\n1;1.234,5\n2;5.678,5\n", "y", ["'1.234,5' holds a thousands separator"]),
+        ('n,F\n"999,999","973"\n"1,500,000","4,620"\n', "F", ["'1,500,000' in line 3 (sample 1)", "thousands sep"]),
+        ('n,F,y\n"999,998","973","-2.8"\n"999,999","4,620","-1,002.8"\n', "F", ["'-1,002.8' holds a thousands"]),
+        ("n;F\n999;973\n1.500.000;4.620\n", "F", ["'1.500.000' in line 3 (sample 1)", "thousands separators"]),
         ("F;y\n1,5;998\n2,5;1.067\n", "y", ["'1.067' in line 3 (sample 1) holds a thousands separator"]),
         (
             "F;G;y\n1,5;1,5;1.067\n2,5;1,5;2.100.000\n",
