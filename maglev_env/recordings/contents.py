@@ -9,6 +9,7 @@ import numpy as np
 
 from maglev_env.recordings.files import Columns
 from maglev_env.recordings.formats.file_formats import Refused, bounded, columns_of, fields_of
+from maglev_env.recordings.formats.time_stamps import unwrapped
 from maglev_env.recordings.masking import bridged
 from maglev_env.recordings.missing_readings import garbled_stamps
 
@@ -157,7 +158,7 @@ def _of_length(
     unused: tuple[str, ...],
 ) -> Contents:
     """The columns of one length, with straight lines over few gaps."""
-    kept = {n: v for n, v in found.items() if v.size == length}
+    kept = {n: unwrapped(v) for n, v in found.items() if v.size == length}
     # Of a column that has few gaps the rest says what it is; without_missing alarms where they are too many.
     bad = {n: garbled_stamps(v) if _rises(v) else ~np.isfinite(v) for n, v in kept.items()}
     missing = {n: int(at.sum()) for n, at in bad.items() if 0 < at.sum() <= _MOST_MISSING * length}

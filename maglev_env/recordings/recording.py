@@ -23,7 +23,7 @@ from maglev_env.recordings.campaign import Campaign, ChannelSource, RecordingSpe
 from maglev_env.recordings.derived import displacements, induced_left_out
 from maglev_env.recordings.excited import check_excited
 from maglev_env.recordings.files import Columns
-from maglev_env.recordings.formats.time_stamps import Clock, check_clock
+from maglev_env.recordings.formats.time_stamps import Clock, check_clock, unwrapped
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.masking import MOST_MASKED
 from maglev_env.recordings.measurement_chain import corrected, coupled
@@ -79,6 +79,7 @@ def read_recording(
     window = _window(path, spec, next(iter(raw.values())).size)
     of_time = spec.channels["time"].columns if "time" in spec.channels else ()
     for name in of_time:
+        raw[name] = unwrapped(raw[name])
         raw[name] = np.where(garbled_stamps(raw[name]), np.nan, raw[name])
     raw, masked, alarms = without_missing(raw, window, rate)
     combined = {name: _combine(raw, source)[window] for name, source in spec.channels.items()}

@@ -10,6 +10,8 @@ _CLOCK = re.compile(
 )
 _SECONDS = re.compile(r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?) sec")  # how MATLAB writes a duration
 
+_DAYS = re.compile(r"(\d+) days? \+?(\d+):([0-5]\d):([0-5]\d(?:\.\d+)?)")  # how pandas does
+
 
 def time_of_day(cell: str) -> float | None:
     """Seconds since midnight of a time of day; None where a text is none."""
@@ -24,6 +26,9 @@ def time_of_day(cell: str) -> float | None:
 
 def duration(cell: str) -> float | None:
     """Seconds of a duration; None where a text is none."""
+    if in_days := _DAYS.fullmatch(cell):
+        days, hours, minutes, seconds = map(float, in_days.groups())
+        return 86400 * days + 3600 * hours + 60 * minutes + seconds
     found = _SECONDS.fullmatch(cell)
     return None if found is None else float(found[1].replace(",", "."))
 

@@ -36,6 +36,7 @@ _BLOCK = 65536
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # the exponent of a double in Fortran's files
 Rewritten = Callable[[Iterator[tuple[int, str]]], Iterator[tuple[int, str]]]  # numbered lines as those of a table
 _GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})+")  # no decimal sign stands twice in a number
+_MINUS = re.compile("\u2212(?=[\\d.])")  # what typography and some locales write before a negative number
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -100,7 +101,7 @@ def open_text(path: Path, stated: TextLayout) -> TextFile:
 
 
 def _lines(file: TextIO, rewritten: Rewritten | None) -> Iterator[tuple[int, str]]:
-    lines = numbered_lines(file)
+    lines = ((number, _MINUS.sub("-", line) if "\u2212" in line else line) for number, line in numbered_lines(file))
     return lines if rewritten is None else rewritten(lines)
 
 

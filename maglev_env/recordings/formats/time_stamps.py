@@ -15,6 +15,10 @@ JITTERED_RATE_TOLERANCE = 0.02  # a jittered record is resampled, so its own mea
 # step is where rounding to the nearest sample changes.
 MOST_JITTER = 0.5
 _DIGITS = 9  # of stamps that are printed, at most
+_COARSE = 1.2  # steps from which the unit in which stamps rise is coarser than the clock: a fifth of them repeat
+_LEAST_TICKS = 20  # of a coarse clock, that tell its mean
+_BITS = (16, 32)  # of counters, which begin anew when they are full
+_RISING = 0.98  # share of the steps of a counter that do not fall; of the others, lines of the file may be garbled
 _ROUNDED = 1.05  # units of the last digit between stamps and an even clock; 1, but for what the line through them errs
 
 
@@ -143,10 +147,10 @@ def check_clock(time: np.ndarray, rate: float) -> Clock:
 
 
 def rounded_step(time: np.ndarray) -> tuple[float, float] | None:
-    """The step of a regular clock whose stamps (samples,) in s are printed with few digits; None where they are not so.
+    """The step of a regular clock whose stamps (samples,) are printed with few digits, or are coarser than its step.
 
     Returns:
-        The step, s, and by how much rounding may have changed it, s.
+        The step, and by how much rounding may have changed it, in the unit of the stamps; None where they are not so.
     """
     for digits in range(_DIGITS):
         with np.errstate(over="ignore", invalid="ignore"):  # stamps near the largest number
@@ -156,5 +160,49 @@ def rounded_step(time: np.ndarray) -> tuple[float, float] | None:
             count, quantum = np.arange(time.size), 10.0**-digits
             step, begin = np.polyfit(count, time - time[0], 1)
             even = quantum < step and float(np.ptp(time - time[0] - begin - step * count)) <= _ROUNDED * quantum
-            return (float(step), quantum / time.size) if even else None
-    return None
+            return (float(step), quantum / time.size) if even else coarse_step(time)
+    return coarse_step(time)
+
+
+def coarse_step(time: np.ndarray) -> tuple[float, float] | None:
+    """The mean step of a regular clock whose stamps (samples,) repeat until the next one of their coarse unit.
+
+    Milliseconds of a recording at 10 kHz are such, and seconds that float32 stores an hour after the start.
+
+    Returns:
+        The step, and by how much rounding may have changed it, in the unit of the stamps; None where they are not so.
+    """
+    steps = np.diff(time)
+    risen = steps[steps > 0]
+    if risen.size < _LEAST_TICKS or risen.size > steps.size / _COARSE or (steps < 0).any():
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):  # stamps near the largest number
+        quantum, count = float(np.median(risen)), np.arange(time.size)
+        step = float(np.polyfit(count, time - time[0], 1)[0])
+        off = time - time[0] - step * count
+        even = quantum >= _COARSE * step > 0 and float(np.ptp(off)) <= _ROUNDED * quantum
+    return (step, quantum / time.size) if even else None
+
+
+def unwrapped(values: np.ndarray) -> np.ndarray:
+    """A counter of 16 or 32 bits (samples,) that goes on rising where it began anew; other values as they are.
+
+    Values that are no numbers, and single ones that are garbled, stay among those beside them.
+    """
+    at = np.flatnonzero(np.isfinite(values))
+    read = values[at]
+    if read.size < 3 or not (np.diff(read) < 0).any() or (read % 1).any():
+        return values
+    for bits in _BITS:
+        turn = 2.0**bits
+        least = 0.0 if read.min() >= 0 else -turn / 2
+        if read.min() < least or read.max() >= least + turn:
+            continue
+        steps = np.diff(read)
+        turns = np.cumsum((steps < -turn / 2).astype(float) - (steps > turn / 2))
+        on = read + turn * np.concatenate([[0.0], turns])
+        if turns.any() and (np.diff(on) >= 0).mean() > _RISING:
+            found = values.copy()
+            found[at] = on
+            return found
+    return values

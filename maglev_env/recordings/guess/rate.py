@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from maglev_env.recordings.formats.time_stamps import rounded_step
+from maglev_env.recordings.formats.time_stamps import coarse_step, rounded_step
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
 from maglev_env.recordings.guess.units import header_unit
 from maglev_env.recordings.guess.words import unaccented
@@ -48,6 +48,10 @@ def guess_rate(time: np.ndarray | None, scale: float, numbers: Mapping[str, floa
         The rate with its evidence; its value is None where the file does not tell it.
     """
     if time is not None:
+        if coarse := coarse_step(time * scale):
+            rate = _nice(1 / coarse[0], coarse[1] / coarse[0])
+            reason = f"{rate:.6g} Hz: mean step of column {label} {coarse[0]:.6g} s, whose stamps repeat"
+            return Guess("sample_rate", rate, reason, SURE, "sample rate in Hz" if rate < _SLOWEST else "")
         steps = np.diff(time) * scale
         middle = float(np.median(steps))
         if not 1e-7 < middle < 10:
@@ -119,13 +123,15 @@ def time_scale(time: np.ndarray, numbers: Mapping[str, float]) -> tuple[float, s
     Returns:
         Seconds in one of its units, the evidence, and what the user should state.
     """
-    middle = float(np.median(np.diff(time)))
+    coarse = coarse_step(time)
+    middle = coarse[0] if coarse else float(np.median(np.diff(time)))
     if middle > 0 and (stated := stated_step(numbers)):
         for scale in (1.0, 1e-3, 1e-6, 1e-9):
             if abs(middle * scale / stated[0] - 1) < _AS_STATED:
                 return scale, f"no unit, taken as {scale:g} s: {stated[1]}", ""
-        if middle == 1:
-            return stated[0], f"counts samples: {stated[1]}", ""
+        if middle == 1 or (STATED_RATE in numbers and not (time % 1).any() and not coarse):
+            of = "samples" if middle == 1 else f"{middle:g} a sample"
+            return stated[0] / middle, f"counts {of}: {stated[1]}", ""
     days = any(first <= time[0] <= last for first, last in _DAYS) and 0 < middle < 1 / _FASTEST
     if days:
         return 86400.0, f"no unit, days by their size, since {1 / middle:.3g} Hz are too many", "unit of time"
@@ -139,6 +145,8 @@ def jitter_of(time: np.ndarray) -> float:
     """rms of the steps of a column of time (samples,) about their median, as a share of it; of usual steps alone."""
     steps = np.diff(time)
     middle = np.median(steps)
+    if not middle > 0:  # stamps of a coarse clock, which tell none
+        return 0.0
     return float(np.std(steps[np.abs(steps - middle) < 0.5 * middle]) / middle)
 
 

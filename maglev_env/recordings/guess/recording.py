@@ -1,7 +1,7 @@
 """One data file of unknown origin as a recording of a campaign: every guess with its evidence."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,11 @@ from maglev_env.recordings.guess.evidence import LIKELY, OPEN, STATED, Guess
 from maglev_env.recordings.guess.excitation import guess_excitation
 from maglev_env.recordings.guess.gaps import whole
 from maglev_env.recordings.guess.rate import STATED_RATE, guess_rate, jitter_of
+from maglev_env.recordings.guess.unfitting_time import unfitting_times
+from maglev_env.recordings.guess.unread import unread_columns
 from maglev_env.recordings.masking import MOST_MASKED, clipped_samples
 
+ALARM = "alarm: "  # how a note begins that names a fault of the recording
 _CARRIES = 2.0  # mean current over its standard deviation that holds a weight
 
 
@@ -42,6 +45,7 @@ class RecordingGuess:
         speed_rpm: speed of rotation that a column shows in every sample, 1/min.
         notes: what else was seen.
         part: first sample that is used, and how many; None: the whole file.
+        unread: columns that seem to hold numbers and could not be read, and why.
     """
 
     file: str
@@ -57,6 +61,7 @@ class RecordingGuess:
     form: Mapping[str, Any] | None = None
     jitter: float = 0.0
     speed_rpm: float = 0.0
+    unread: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def channels(self) -> dict[str, ColumnGuess]:
@@ -134,6 +139,7 @@ def guess_recording(
         guessed = Guess("sample_rate", rate, f"{rate:g} Hz: stated", STATED)
     if time and guessed.value is None:  # a counter: no time
         columns = tuple(replace(c, channel="", reason=guessed.reason) if c is time else c for c in columns)
+    unfitting = unfitting_times(columns, found, rate) if rate else []
     signals = {n: v for n, v in by_channel.items() if n != "time"}
     tables, excitation = guess_excitation(signals, guessed.value)
     tables = [_without_peak(table, columns) for table in tables]
@@ -148,11 +154,12 @@ def guess_recording(
         controller=controller,
         gains=gains,
         rotor=_rotor(by_channel, any(c.less for c in columns)),
-        notes=(*file.notes, *found.unused),
+        notes=(*file.notes, *found.unused, *(f"{ALARM}{said}" for said in unfitting)),
         part=part,
         form=form,
         jitter=0.0 if clock is None else jitter_of(clock),
         speed_rpm=_turning(columns, found),
+        unread=unread_columns(found.unused),
     )
 
 

@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from maglev_env.recordings.guess.recording import RecordingGuess
+from maglev_env.recordings.guess.recording import ALARM, RecordingGuess
 from maglev_env.recordings.guess.suspended import TOTAL
 from maglev_workbench.commands.new.stated import Stated
 
 TAKEN, TAKEN_FOR = "whether this column is the ", "what columns are taken for"
+SCALE = "scale in"  # how the point begins of a column whose numbers are in no unit of its channel
 MOST_NAMED = 8  # columns or files of one point; each stands in campaign.toml
 _RIG = "rig.toml: what is marked there; then take the # from rig in campaign.toml (diagnose needs it)"
 _RIG_AGAIN = (
@@ -18,7 +19,6 @@ _RIG_AGAIN = (
 _RIG_KEPT = "rig.toml is filled in, and kept: this command again with --rig and --force, or take the # from rig"
 _RIG_FAULT = "rig.toml is not as this command writes it, and is kept, but is no rig yet: {}"
 _OPTIONS = " (--scale COLUMN=VALUE, and --zero COLUMN=READING; the gains follow)"
-ALARM = "alarm: "  # how a note begins that names a fault of the recording
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,14 @@ def answer_of(
         fault: why it is no rig although somebody wrote into it; it was kept, too.
     """
     edit = [f"sample_rate of {g.file}: it is not known and stands as 0" for g in guesses if g.rate.value is None]
-    must = len(edit)
+    unread = [f"columns of {g.file}: {_listed(g.unread)} could not be read" for g in guesses if g.unread]
+    scaled = [point for point in _confirm(guesses) if point.startswith(SCALE)]
+    must = [
+        *(f"mend the columns of {g.file} that could not be read" for g in guesses if g.unread),
+        *(f"state {point.partition(':')[0]}" for point in edit),
+        *(["state the scales below"] if scaled else []),
+    ]
+    edit = unread + edit
     if skeleton:
         hangs = any(TOTAL in c.ask for g in guesses for c in g.columns)
         written = _RIG_FAULT.format(fault) if fault else f"{_RIG}{_RIG_AGAIN if hangs else ''}"
@@ -66,7 +73,7 @@ def answer_of(
         edit.append("mass: the moving mass in kg, if it is known (--mass)")
     total = len(guesses) + len(refused)
     read = f"Read {len(guesses)} of {total} file(s)"
-    before = f"state {edit[0].partition(':')[0]} before" if must else "nothing must be edited before"
+    before = f"{must[0]} before" if must else "nothing must be edited before"
     return Answer(f"{read}; {before} `maglev check`.", tuple(edit), tuple(_confirm(guesses)), tuple(_alarms(guesses)))
 
 
@@ -100,9 +107,15 @@ def _confirm(guesses: Sequence[RecordingGuess]) -> list[str]:
         everywhere = set(about) == {g.file for g in guesses}
         named = [*about][:MOST_NAMED]
         more = f" and {len(about) - len(named)} more" if len(about) > len(named) else ""
-        point += _OPTIONS if point.startswith("scale in") else ""
+        point += _OPTIONS if point.startswith(SCALE) else ""
         found.append(point if everywhere else f"{point}: {', '.join(named)}{more}")
     return found
+
+
+def _listed(unread: Mapping[str, str]) -> str:
+    """Columns that could not be read, the first with its reason."""
+    (first, why), *others = unread.items()
+    return ", ".join([f"{first} ({why})", *(name for name, _ in others[: MOST_NAMED - 1])])
 
 
 def _alarms(guesses: Sequence[RecordingGuess]) -> list[str]:

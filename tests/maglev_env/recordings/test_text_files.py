@@ -141,6 +141,13 @@ def test_a_matrix_of_matlab_keeps_all_its_columns_and_names_of_several_words(tmp
     np.testing.assert_array_equal(read_columns(path).column("[1]"), [1.5, 2.5])
 
 
+def test_the_minus_of_typography_is_a_minus(tmp_path):
+    path = tmp_path / "x.csv"
+    path.write_text("a,b\n\u22121.5,2\n1.5,\u2212.5\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_columns(path).column("a"), [-1.5, 1.5])
+    np.testing.assert_array_equal(read_columns(path).column("b"), [2, -0.5])
+
+
 @pytest.mark.parametrize(
     ("text", "column", "words"),
     [

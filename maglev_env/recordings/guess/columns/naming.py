@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.channels import RECORDED
 from maglev_env.recordings.contents import Contents
+from maglev_env.recordings.formats.time_stamps import coarse_step
 from maglev_env.recordings.guess import behaviour as shown
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, si_unit
 from maglev_env.recordings.guess.evidence import LIKELY, SURE
@@ -107,7 +108,7 @@ def by_name(column: str, label: str, unit: Unit | None, values: np.ndarray, spel
         return ColumnGuess(column, label, "", 1.0, "holds values that are no finite numbers", SURE)
     if said.channel is None or (len(said.word) == 1 and said.channel != "time" and shown.is_time(values)):
         return ColumnGuess(column, label, "", 1.0, "", 0.0)
-    if said.channel == "time" and not shown.is_time(values):
+    if said.channel == "time" and not shown.is_time(values) and coarse_step(values) is None:
         return ColumnGuess(column, label, "", 1.0, f'called "{label}", but does not rise with equal steps', SURE)
     called = f'called "{label}"' + (f" in {unit.text}" if unit else "")
     called += f", an axis that is taken as {said.axis}" if spelled else ""

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from maglev_env.recordings.formats.time_stamps import coarse_step
 from maglev_env.recordings.guess.rate import stated_step, time_scale
 
 _GRAVITY = 9.80665
@@ -13,7 +14,8 @@ MOST_SHAKEN = 500.0  # m/s2 rms: fifty times the weight, beyond what magnets do 
 def step_of(time: np.ndarray | None, numbers: Mapping[str, float]) -> float:
     """Time between two samples, s; 0 where neither a column of time (samples,) nor a number of the file tells it."""
     if time is not None:
-        return float(np.median(np.diff(time))) * time_scale(time, numbers)[0]
+        coarse = coarse_step(time)
+        return (coarse[0] if coarse else float(np.median(np.diff(time)))) * time_scale(time, numbers)[0]
     stated = stated_step(numbers)
     return stated[0] if stated else 0.0
 
