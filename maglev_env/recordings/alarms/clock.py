@@ -28,7 +28,8 @@ def clock_alarms(clock: Clock, rate: float, start: int = 0) -> list[Alarm]:
         few = total <= MOST_MASKED * (size + total)
         cut = f"; use start = {start + edges[longest]}, samples = {edges[longest + 1] - edges[longest]}"
         text += "; they are bridged and masked" if few else cut
-        found.append(Alarm("samples", "time", when, text, "warning" if few else "refuse"))
+        stretch = None if few else (start + edges[longest], edges[longest + 1] - edges[longest])
+        found.append(Alarm("samples", "time", when, text, "warning" if few else "refuse", stretch))
     if clock.repeated:
         at, few = clock.repeated[0], len(clock.repeated) <= MOST_MASKED * size
         text = f"{len(clock.repeated)} time stamps repeat, the first at {at / rate:.4g} s (sample {start + at})"

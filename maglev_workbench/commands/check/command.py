@@ -33,6 +33,7 @@ def check(
     from maglev_env.recordings.alarms.alarm import alarms_of
     from maglev_env.recordings.formats.json_data import plain
     from maglev_env.recordings.guess.verified import guessed_campaign
+    from maglev_env.recordings.longest_stretch import without_gaps
     from maglev_env.recordings.quality import recording_quality
     from maglev_env.recordings.recording import read_recording
     from maglev_env.recordings.signals import recorded_signals
@@ -76,7 +77,11 @@ def check(
         alarmed += bool(alarms)
         refused = next((f.message for f in refusals(findings) if is_of(f.recording, spec.file)), "")
         used.append((spec.file, uses(loaded, spec, alarms, refused)))
-        signals = recorded_signals(loaded, spec, dataset, excited=False)
+        whole, cut = without_gaps(loaded, spec, dataset)
+        if cut is not dataset:
+            said.append(f"{spec.file}: levels and noise are those of the longest stretch, {whole.start} .. "
+                        f"{whole.start + (whole.samples or 0)}")  # fmt: skip
+        signals = recorded_signals(loaded, whole, cut, excited=False)
         for axis in range(signals.axes):
             own = axis_signals(signals, axis)
             name = spec.file if signals.axes == 1 else f"{spec.file}, {AXES[axis]}"

@@ -71,8 +71,8 @@ def answer_of(
         edit.append(_RIG_KEPT if filled else written)
     if stated.mass is None and stated.rig is None:
         edit.append("mass: the moving mass in kg, if it is known (--mass)")
-    total = len(guesses) + len(refused)
-    read = f"Read {len(guesses)} of {total} file(s)"
+    files = len({g.file for g in guesses})  # one may hold several recordings
+    read = f"Read {files} of {files + len(refused)} file(s)"
     before = f"{must[0]} before" if must else "nothing must be edited before"
     return Answer(f"{read}; {before} `maglev check`.", tuple(edit), tuple(_confirm(guesses)), tuple(_alarms(guesses)))
 
@@ -119,4 +119,5 @@ def _listed(unread: Mapping[str, str]) -> str:
 
 
 def _alarms(guesses: Sequence[RecordingGuess]) -> list[str]:
-    return [f"{g.file}: {note.removeprefix(ALARM)}" for g in guesses for note in g.notes if note.startswith(ALARM)]
+    said = [f"{g.file}: {note.removeprefix(ALARM)}" for g in guesses for note in g.notes if note.startswith(ALARM)]
+    return [*dict.fromkeys(said)]

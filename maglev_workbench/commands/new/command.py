@@ -55,6 +55,7 @@ def new(
     from maglev_env.recordings.guess.agreed import agreed, like_most, one_clock, one_rotor, without_motion
     from maglev_env.recordings.guess.evidence import LIKELY
     from maglev_env.recordings.guess.of_the_rig import perhaps_of_the_rig
+    from maglev_env.recordings.guess.parts import parts_of
     from maglev_env.recordings.guess.recording import guess_recording
     from maglev_env.recordings.guess.suspended import below_the_magnet
     from maglev_env.recordings.guess.verified import verified
@@ -146,7 +147,7 @@ def new(
     stated = replace(stated, rig=None if rig is None else rig_beside(rig, folder, untouched))
     names = [f.resolve().relative_to(folder.resolve()).as_posix() for f in inside]
     named = one_rotor([replace(g, file=name) for g, name in zip(guesses, names, strict=True)])
-    guesses = agreed([verified(guess, folder) for guess in named])
+    guesses = agreed([verified(part, folder) for guess in named for part in parts_of(guess, folder)])
     if stated.rig is not None:
         known_rig = load_rig(stated.rig if stated.rig in PRESETS else folder / stated.rig)
         guesses = [below_the_magnet(perhaps_of_the_rig(g, known_rig), known_rig, folder) for g in guesses]
