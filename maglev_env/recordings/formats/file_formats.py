@@ -162,7 +162,9 @@ def hdf5_attributes(path: Path) -> tuple[dict[str, str], dict[str, float], tuple
     def note(name: str, node: Any) -> None:
         for key, value in node.attrs.items():
             if isinstance(value, (np.ndarray, np.generic)) and value.size == 1 and value.dtype.kind in "fiu":
-                numbers[_one_line(".".join(filter(None, [name.replace("/", "."), key])))] = float(np.ravel(value)[0])
+                unit = _text_of(node, [f"{key}_{word}" for word in ("unit", "units")])  # "V/m" of a sensitivity
+                called = f"{key} [{unit}]" if unit else key
+                numbers[_one_line(".".join(filter(None, [name.replace("/", "."), called])))] = float(np.ravel(value)[0])
         if not isinstance(node, h5py.Dataset):
             return
         if is_packed(node.attrs):

@@ -12,7 +12,7 @@ _WORDS = {
     "posizione spostamento traferro distanza altezza",
     "current": "current curr cur strom corriente corrente courant amps ampere spulenstrom icoil",
     "voltage": "voltage volt volts spannung voltaje tension tensione spulenspannung",
-    "force": "force kraft fuerza forza loadcell shaker kraftsensor kraftmessdose",
+    "force": "force kraft fuerza forza loadcell shaker kraftsensor kraftmessdose hammer dynamometer",
     "velocity": "velocity vel geschwindigkeit velocidad vitesse ydot xdot zdot derivative ableitung",
     "speed": "rpm omega drehzahl speed revs rotation giro",
     "acceleration": "acceleration accel acc beschleunigung beschl aceleracion accelerazione accelerometer",
@@ -108,7 +108,8 @@ def plain_words(name: str) -> list[str]:
     """The words of a name in small letters: without accents, split at signs, digits and changes to capitals."""
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", unaccented(name))
     split = [w.removeprefix("lager") for w in re.split(r"[^a-z]+", name.lower())]  # the bearing's, not "Lage"
-    return " ".join(_GLUED.sub(r"\1\3 \2\4", _apart(w)) for w in split).split()
+    words = " ".join(_GLUED.sub(r"\1\3 \2\4", _apart(w)) for w in split).split()
+    return " ".join(words).replace("load cell", "loadcell").split()
 
 
 def _apart(word: str) -> str:

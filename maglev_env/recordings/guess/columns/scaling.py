@@ -7,6 +7,7 @@ import numpy as np
 
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess, si_unit
 from maglev_env.recordings.guess.columns.counts import holds_counts, order_of_a_count
+from maglev_env.recordings.guess.columns.sensitivity import sensitivity_of
 from maglev_env.recordings.guess.columns.sizes import MOST_SHAKEN, acceleration, step_of, too_slow_for
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN
 from maglev_env.recordings.guess.rate import stated_step, time_scale
@@ -33,6 +34,9 @@ def scaled(
     si, unit = si_unit(guess.channel), units[guess.column]
     if unit and unit.si == si:
         return replace(guess, scale=unit.scale)
+    if unit and (sensed := sensitivity_of(guess.column, si, unit, numbers)):
+        scale, why = sensed
+        return replace(guess, scale=scale, reason=f"{guess.reason}; {why}")
     if unit:
         ask = f"scale in {si} per {unit.text}"
         return replace(guess, ask=ask, confidence=min(guess.confidence, OPEN))
