@@ -6,12 +6,16 @@ from typing import Any
 import numpy as np
 
 from maglev_env.channels import SHOWN_BY
-from maglev_env.recordings.guess.behaviour import steps_in
+from maglev_env.recordings.guess.behaviour import roughness, steps_in
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
 from maglev_env.recordings.guess.period import Lines, lines_of, period_of, strongest_line
 from maglev_env.recordings.guess.shape import shape_of
 
 _CLEANEST_FIRST = ("current", "reference", "force")  # an injection and a reference are made, a force is measured
+_MADE = ("current", "reference")  # by a generator, which does not only read them
+# Share of the power of what is made that does not repeat, from which it is no period; growth of a difference over two
+# periods that is a drift; and largest roughness of what moves slowly.
+_BESIDE, _DRIFT, _SLOW = 0.02, 1.5, 0.5
 _SMALL = 1e-6  # of a channel's largest value: below it a channel does not move
 Table = dict[str, Any]
 
@@ -48,7 +52,11 @@ def _moves(values: np.ndarray) -> bool:
 
 def _common_period(moving: Mapping[tuple[str, str], np.ndarray]) -> tuple[int, str]:
     """Samples of the longest period that a channel shows, and that channel; 0 where none repeats."""
-    found = [(p[0], name) for (_, name), v in moving.items() if (p := period_of(v)) and not _wanders(v, p[0])]
+    found = [
+        (p[0], name)
+        for (place, name), v in moving.items()
+        if (p := period_of(v)) and not _wanders(v, p[0]) and not (place in _MADE and _more_than(v, p[0]))
+    ]
     return max(found, default=(0, ""))
 
 
@@ -57,6 +65,18 @@ def _wanders(values: np.ndarray, period: int) -> bool:
     nearly, and samples would seem to be missing."""
     later = values[period:] if values.size >= 3 * period else values  # before the first period it may rest
     return bool(steps_in(values) and np.any(later[period:] != later[:-period]))
+
+
+def _more_than(values: np.ndarray, period: int) -> bool:
+    """Whether what is made (samples,) moves slowly beside what repeats in it: noise on a square wave drives, too.
+
+    The noise of a converter is rough, and what a clock of its own makes of a period differs more from one to the next.
+    """
+    if values.size < 3 * period:
+        return False
+    once, twice = values[period:] - values[:-period], values[2 * period :] - values[: -2 * period]
+    share = float(once.var()) / max(2 * float(values.var()), 1e-300)
+    return share > _BESIDE and float(twice.var()) < _DRIFT * float(once.var()) and roughness(once) < _SLOW
 
 
 def _periodic(
