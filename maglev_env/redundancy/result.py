@@ -18,7 +18,8 @@ def doubtful(recording: str, found: Identification) -> list[Finding]:
         share = len(poor) / len(known)
         text = (
             f"stiffness and damping: constants do not fit {len(poor)} of {len(known)} bands (fit_p below {POOR_P:g}): "
-            "a resonance, a nonlinearity or another effect (run `maglev diagnose`), or the mass is not the stated one"
+            "a resonance, a nonlinearity or another effect (run `maglev diagnose`), the mass is not the stated one, or "
+            "force and displacement were not read by one clock"
         )
         findings.append(Finding("fit", recording, "mass", share, None, text, "effect"))
     if found.stability is not None:

@@ -16,6 +16,7 @@ from maglev_workbench.page import COLOURS, labelled_axis, mark_iso_zones, shaded
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+_WILD = 1e3  # times its size by least squares, from which that of maximum likelihood is no estimate
 COEFFICIENTS = {"stiffness": "N/m", "damping": "N s/m"}  # SI units
 Units = Mapping[str, tuple[float, str]]  # of each coefficient: factor from SI, and the unit in which it is shown
 
@@ -23,7 +24,14 @@ Units = Mapping[str, tuple[float, str]]  # of each coefficient: factor from SI, 
 def units_of(bands: Sequence[Band]) -> Units:
     """Units that fit the size of the coefficients in these bands."""
     sure = [b for b in bands if b.informative] or bands
-    return {name: common_unit((getattr(b, name) for b in sure), si) for name, si in COEFFICIENTS.items()}
+    return {name: common_unit(_sizes(sure, name), si) for name, si in COEFFICIENTS.items()}
+
+
+def _sizes(bands: Sequence[Band], name: str) -> list[float]:
+    """A coefficient of bands, SI; by least squares, which noise cannot inflate, where maximum likelihood runs away."""
+    likely, least = ([getattr(b, key) for b in bands] for key in (name, f"ls_{name}"))
+    sizes = [float(np.median(np.abs(values))) for values in (likely, least)]
+    return least if sizes[0] > _WILD * sizes[1] > 0 else likely
 
 
 def estimate(band: Band, method: str, name: str) -> tuple[float, float, tuple[float, float]]:

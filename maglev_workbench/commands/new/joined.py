@@ -186,7 +186,18 @@ def _joined(files: Sequence[Path], guesses: Mapping[Path, RecordingGuess]) -> Jo
         return None
     rates = [guesses[f].rate.value for f in files]
     of_each = " and ".join(f"{f.name} ({rate:g} Hz)" for f, rate in zip(files, rates, strict=True))
-    return Joined(tuple(files), joined, f"{of_each} are joined on their clocks{_how(rates)}")
+    return Joined(tuple(files), joined, f"{of_each} are joined on their clocks{_how(rates)}{_begun(parts)}")
+
+
+def _begun(parts: Sequence[_Part]) -> str:
+    """What the first stamps of parts say of whether they count from one instant; "" where they are equal and not 0."""
+    begins = [float(part.clock[0]) for part in parts]
+    step = max(float(np.median(np.diff(part.clock))) for part in parts)
+    if np.ptp(begins) > step:
+        return f"; they begin {np.ptp(begins):.4g} s apart"
+    if max(map(abs, begins)) <= step:
+        return "; each clock begins at 0: look whether both were started at one instant, which no file says"
+    return ""
 
 
 def _at_the_slowest(parts: Sequence[_Part]) -> dict[str, np.ndarray] | None:
