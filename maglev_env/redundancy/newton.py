@@ -83,7 +83,7 @@ def moved(view: View) -> list[Row]:
         effects.append(FORCE_EFFECTS)
     if drive is not None:
         inputs.append(response * lines.parts[drive])
-        powers.append({"displacement": 1, drive: -1, "mass": 1, "actuator gain": 1})
+        powers.append({"displacement": 1, drive: -1, "mass": 1, "actuator gain": -1})
         effects.append(CURRENT_EFFECTS)
     if not inputs:
         return []

@@ -6,8 +6,9 @@ rests elsewhere than the rotor did has another gain and another stiffness. A loa
 hold was named an eccentricity and a stop beside it.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -15,14 +16,18 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
 
-if TYPE_CHECKING:
-    from sim2real.recorded.open_record import OpenRecord
-    from sim2real.recorded.records import Record
-
 LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
 
 
-Loaded = TypeVar("Loaded", "Record", "OpenRecord")
+class Loaded(Protocol):
+    """A record, of whichever kind, that is simulated with a constant force."""
+
+    load: np.ndarray | None
+    waves: Mapping[str, np.ndarray]
+    name: str
+
+
+R = TypeVar("R", bound=Loaded)
 
 
 def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> np.ndarray | None:
@@ -61,7 +66,7 @@ def load_in_words(load: np.ndarray | None) -> list[str]:
     ]
 
 
-def loads_off(record: Loaded) -> dict[str, Loaded]:
+def loads_off(record: R) -> dict[str, R]:
     """The record with twice the load of an axis, by a name: all of it may be something else than a load."""
     if record.load is None:
         return {}

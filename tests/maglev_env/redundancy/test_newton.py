@@ -104,7 +104,7 @@ def test_what_damps_makes_the_displacement_early_and_what_lags_late():
     rig = replace(load_rig("hmb_free"), gains=None)
     found = Fit(np.ones(1), np.array([-2e-4]), np.full(1, 1e-3), np.full(1, 1e-6), 0.0, 0.0, np.full(1, 50.0))
     seen = View("run", rig.control_rate, {}, frozenset(), {}, (), frozenset(), None, (), rig, rig.mass)
-    powers = {"displacement": 1, "current": -1, "mass": 1, "actuator gain": 1}
+    powers = {"displacement": 1, "current": -1, "mass": 1, "actuator gain": -1}
     early = _row(seen, found, 0, powers, (), 0.0, 100.0)
     late = _row(seen, replace(found, delay=np.array([2e-4])), 0, powers, (), 0.0, 100.0)
     assert "friction" in early.delay_effects and "sensor_lag" not in early.delay_effects
@@ -117,6 +117,6 @@ def test_what_damps_makes_the_displacement_early_and_what_lags_late():
 def test_a_sign_is_not_told_where_the_motion_is_turned_by_more_than_an_eighth(late, told):
     """At 17 Hz. A cable that creeps, six times as stiff as the magnet, makes a ball lag by 67 degrees beside that."""
     found = Fit(np.array([-1.09]), np.array([late]), np.full(1, 0.01), np.full(1, 1e-4), 0.1, 1.0, np.full(1, 40.0))
-    powers = {"displacement": 1, "current": -1, "mass": 1, "actuator gain": 1}
+    powers = {"displacement": 1, "current": -1, "mass": 1, "actuator gain": -1}
     row = _row(levitated(0.0, 0, 0.05), found, 0, powers, CURRENT_EFFECTS, 0.0, 17.0)
     assert row.off and row.signed == told and or_effect(row) != told
