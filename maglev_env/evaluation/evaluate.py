@@ -19,7 +19,7 @@ from maglev_lanes.shared_pool import SharedPool
 from maglev_lanes.threads import cores, one_ahead, over_threads
 
 CHUNK = 128  # experiments estimated together, which keeps the largest temporary near 10 MB per thread
-LONGER = 2
+LONGER = 2  # times as many: 40 MB in all for a chunk of the full protocol, whatever the number of gain sets
 
 
 def evaluate(

@@ -26,7 +26,7 @@ class Size:
     repeats: int = 5
     xy_lanes: int = 4
     record_seconds: float = 60.0
-    memory_sets: tuple[int, int] = (128, 512)
+    memory_sets: tuple[int, int] = (256, 512)
     compiled: int | None = None
 
 
