@@ -97,6 +97,9 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
         size_words = _with_reach(factor, reach)
         if lead.name in PARAMETERS:
             says.append(f"what is stated is {size_words} times what is shown")
+            contrary = [c.name for c in named if c.name in PARAMETERS and c.size * lead.size < 0]
+            if contrary:  # twice the mass is half the gain
+                says[-1] += f" ({' and '.join(contrary)}: {_with_reach(1 / factor, reach / factor**2)})"
         else:
             says.append(f"factor {size_words}")
             if mass and any(c.name == "mass" for c in named):

@@ -253,6 +253,15 @@ def test_the_mass_that_is_shown_is_told_without_the_stiffness(dense, tmp_path, s
         assert first.value == pytest.approx(value, rel=5e-3) and first.interval[0] < stated < first.interval[1]
 
 
+@pytest.mark.parametrize("factor", [1.8, 1 / 1.8])
+def test_a_gain_that_is_stated_wrong_is_off_by_its_own_factor_not_by_one_over_it(tmp_path, factor):
+    """The recordings are of the wrong gain, the campaign states the preset's: nothing but the force tells."""
+    folder = campaigns.campaign(tmp_path, names=("base",), effects=effect("actuator_gain", 1 / factor - 1))
+    (found, *_) = [f for f in examine(load_campaign(folder)) if "actuator gain" in f.channel]
+    said = re.search(r"what is stated is (\S+) \+- \S+ times what is shown(?: \(actuator gain: (\S+) )?", found.message)
+    assert float(said[2] or said[1]) == pytest.approx(factor, rel=0.15)
+
+
 def test_a_mass_that_is_stated_too_small_to_dominate_anywhere_is_told(tmp_path):
     # The rotor on its pedestal rings for more than one period, of which nothing is said either.
     folder = campaigns.campaign(tmp_path, "pedestal", names=("base",), parameters={"mass": 0.3})
