@@ -90,10 +90,10 @@ def test_a_band_holds_its_resonance(tmp_path):
 
 @pytest.mark.parametrize(
     ("effects", "kind"),
-    [(effect("eccentricity", 4e-5), "even"), (effect("friction", force=0.2, velocity=1e-3), "odd")],
+    [(effect("asymmetric_gain", 0.3), "even"), (effect("friction", force=0.2, velocity=1e-3), "odd")],
 )
 def test_distortion_is_seen_on_its_own_lines(tmp_path, effects, kind):
-    """An offset makes a symmetric law even; friction is odd. Beside it the excited lines change."""
+    """A gain that differs between the sides is even; friction is odd. Beside it the excited lines change."""
     found = where(problem_of(tmp_path, effects=effects))
     rest = {k: v for k, v in found.kind.items() if k != "linear"}
     assert max(rest, key=rest.get) == kind and found.kind[kind] > 3 * sorted(rest.values())[-2] + 1e-4

@@ -43,5 +43,7 @@ def test_nothing_is_held_over_the_samples_of_a_log_that_is_slower_than_the_contr
     rng = np.random.default_rng(1)
     channels = {"displacement": 1e-6 * rng.normal(size=(1, 500)), "current": 0.1 * rng.normal(size=(1, 500))}
     for rate, held in ((1000.0, True), (200.0, False)):
-        spec = SimpleNamespace(sample_rate=rate, gains=None, speed_rpm=0.0, intersample="zoh", excitations=())
+        spec = SimpleNamespace(
+            sample_rate=rate, gains=None, speed_rpm=0.0, intersample="zoh", excitations=(), channels={}
+        )
         assert drive_of(rig, spec, channels).held is held
