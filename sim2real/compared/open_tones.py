@@ -94,7 +94,9 @@ def _searched(record: OpenRecord, near: Point) -> tuple[OpenRecord, Residual | N
         tone, residual = _strongest(residual)
         if tone is None:
             break
-        known = [t.frequency for t in record.tones if abs(t.frequency - tone.frequency) < SAME_TONE * _spacing(record)]
+        known = [
+            t.frequency for t in record.tones if abs(t.frequency - tone.frequency) < SAME_TONE * resolution_of(record)
+        ]
         found.append(replace(tone, frequency=known[0]) if known else tone)
     return replace(record, tones=tuple(found)), residual
 
@@ -136,7 +138,7 @@ def _as_told_better(
         best, off = min((other for other in shown if _same(record, tone, own, *other)), key=lambda other: other[1])
         if off < own:
             residual = replace(residual, lines=residual.lines + _lines_of(residual, tone))
-            tone, residual = _taken_out(residual, best.frequency / _spacing(record))
+            tone, residual = _taken_out(residual, best.frequency / resolution_of(record))
         tones.append(tone)
     return replace(record, tones=tuple(tones)), residual
 
@@ -146,7 +148,7 @@ def _turning(record: OpenRecord, shown: Sequence[tuple[Record | OpenRecord, floa
     at, found = record.experiment.speed_rpm, []
     for other, frequency in shown:
         speed = other.experiment.speed_rpm
-        spacing = _spacing(other) if isinstance(other, OpenRecord) else other.experiment.fundamental / other.count
+        spacing = resolution_of(other)
         if speed > 0 and at not in (0, speed) and origin(frequency, speed, spacing) == "spin":
             found.append(frequency * at / speed)
     return found
@@ -154,7 +156,7 @@ def _turning(record: OpenRecord, shown: Sequence[tuple[Record | OpenRecord, floa
 
 def _looked_again(record: OpenRecord, residual: Residual, frequencies: Sequence[float]) -> OpenRecord:
     """The record with a tone at each of the frequencies (Hz) at which one stands out of what its own tones leave."""
-    tones, spacing = list(record.tones), _spacing(record)
+    tones, spacing = list(record.tones), resolution_of(record)
     for f in frequencies:
         line = f / spacing
         if any(abs(t.frequency - f) < 1.0 * spacing for t in tones) or not _within(record, np.array([line]))[0]:
@@ -172,7 +174,7 @@ def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
     """The records with those tones of records without a period that are believed, as `toned`."""
 
     def kept(record: OpenRecord, tone: Tone) -> bool:
-        spacing, own = _spacing(record), frequency_sd(record, tone)
+        spacing, own = resolution_of(record), frequency_sd(record, tone)
         others = ((t, frequency_sd(r, t)) for r in records if r is not record for t in r.tones)
         known = origin(tone.frequency, record.experiment.speed_rpm, spacing) is not None
         fast = tone.frequency >= WIDTH * spacing
@@ -191,7 +193,7 @@ def without_tones_of_others(records: Sequence[Record | OpenRecord]) -> list[Reco
     """
     shown = tuple(
         t.frequency for r in records if isinstance(r, OpenRecord) for t in r.tones
-        if origin(t.frequency, r.experiment.speed_rpm, _spacing(r)) is None
+        if origin(t.frequency, r.experiment.speed_rpm, resolution_of(r)) is None
     )  # fmt: skip
     return [r if isinstance(r, OpenRecord) else replace(r, elsewhere=shown) for r in records]
 
@@ -199,20 +201,27 @@ def without_tones_of_others(records: Sequence[Record | OpenRecord]) -> list[Reco
 def _same(record: OpenRecord, tone: Tone, sd: float, other: Tone, other_sd: float) -> bool:
     """Whether a record's tone and another one, of these standard deviations of their frequencies, may be the same."""
     off = abs(other.frequency - tone.frequency)
-    return off < max(ALIKE * _spacing(record), ALIKE_SD * float(np.hypot(sd, other_sd)))
+    return off < max(ALIKE * resolution_of(record), ALIKE_SD * float(np.hypot(sd, other_sd)))
 
 
 def frequency_sd(record: Record | OpenRecord, tone: Tone) -> float:
-    """Standard deviation of a tone's frequency, Hz, by the Cramer-Rao bound of one sinusoid in white noise (D. C. Rife
-    and R. R. Boorstyn, IEEE Trans. Information Theory 20, 1974); without a period chi2 is that of one window of lines,
+    """Standard deviation of a tone's frequency in a record, Hz; without a period chi2 is that of one window of lines,
     which is nearly all of its power."""
-    resolved = _spacing(record) if isinstance(record, OpenRecord) else record.experiment.fundamental / record.count
-    return float(np.sqrt(3 / tone.chi2) / np.pi * resolved)
+    return bins_off(tone) * resolution_of(record)
 
 
-def _spacing(record: OpenRecord) -> float:
-    """Distance of a record's lines, Hz."""
-    return record.windows.sample_rate / record.windows.samples
+def bins_off(tone: Tone) -> float:
+    """Least standard error of a tone's frequency in what a record resolves (Cramer-Rao bound of one sinusoid in white
+    noise: D. Rife and R. Boorstyn, IEEE Transactions on Information Theory 20, 1974)."""
+    return float(np.sqrt(3.0 / tone.chi2) / np.pi)
+
+
+def resolution_of(record: Record | OpenRecord) -> float:
+    """Distance (Hz) of frequencies that a record tells apart; without a period, of its lines."""
+    if isinstance(record, OpenRecord):
+        return record.windows.sample_rate / record.windows.samples
+    e = record.experiment
+    return e.fundamental / (record.series["displacement"].shape[1] / e.recorded_per_period)
 
 
 def nuisance_columns(record: OpenRecord, tone: Tone, outputs: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -270,7 +279,7 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     def significant(line: float) -> bool:
         return _chance(residual, line) + np.log(tried.size) <= np.log(FALSE_ALARM)
 
-    likeliest = tried[int(np.argmin(log_chances(residual, tried * _spacing(record))))]
+    likeliest = tried[int(np.argmin(log_chances(residual, tried * resolution_of(record))))]
     refined = _strongest_near(residual, float(likeliest), 2 * FINE)
     if not significant(refined):
         return None, residual
@@ -284,8 +293,8 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
 def _tried(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
     """Those of lines (n,) at which a tone is looked for: not of drift, of ringing, or of the drive."""
     lines = lines[_within(record, lines)]
-    lines = lines[~_ringing(record, lines * _spacing(record))]
-    return lines[~_of_the_drive(record, lines * _spacing(record))]
+    lines = lines[~_ringing(record, lines * resolution_of(record))]
+    return lines[~_of_the_drive(record, lines * resolution_of(record))]
 
 
 def _within(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
@@ -295,7 +304,7 @@ def _within(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
 
 
 def _chance(residual: Residual, line: float) -> float:
-    return float(log_chances(residual, np.array([line * _spacing(residual.record)]))[0])
+    return float(log_chances(residual, np.array([line * resolution_of(residual.record)]))[0])
 
 
 def _strongest_near(residual: Residual, line: float, within: float) -> float:
@@ -306,7 +315,7 @@ def _strongest_near(residual: Residual, line: float, within: float) -> float:
 
 def _taken_out(residual: Residual, line: float) -> tuple[Tone, Residual]:
     """The tone at a line, and the residual without it."""
-    frequency = line * _spacing(residual.record)
+    frequency = line * resolution_of(residual.record)
     (amplitude,), (chi2,) = tones_in(residual, np.array([frequency]))
     tone = Tone(float(frequency), {"opened": amplitude}, float(chi2))
     return tone, replace(residual, lines=residual.lines - _lines_of(residual, tone))

@@ -10,6 +10,7 @@ from estimation.lines.tones import FALSE_ALARM, NEIGHBOURS, Tone
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
+from sim2real.compared.open_tones import resolution_of
 from sim2real.compared.point import Point, experiment_at
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
@@ -49,11 +50,3 @@ def _rise(record: Record | OpenRecord, e: Experiment, frequency: float) -> float
 def linear(point: Point) -> Point:
     """A point without the effects that have no tangent."""
     return replace(point, effects={name: v for name, v in point.effects.items() if name not in NO_TANGENT})
-
-
-def resolution_of(record: Record | OpenRecord) -> float:
-    """Distance (Hz) of frequencies that a record tells apart."""
-    if isinstance(record, OpenRecord):
-        return record.windows.sample_rate / record.windows.samples
-    e = record.experiment
-    return e.fundamental / (record.series["displacement"].shape[1] / e.recorded_per_period)

@@ -9,10 +9,10 @@ from scipy import stats
 from estimation.lines.tones import Tone, tone_at
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
-from sim2real.compared.open_tones import log_chances, residual_of, tones_in
+from sim2real.compared.open_tones import bins_off, log_chances, residual_of, resolution_of, tones_in
 from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
-from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak, resolution_of
+from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
@@ -209,12 +209,11 @@ def _rings(part: Part, point: Point, frequency: float) -> bool:
 def _told(record: Record | OpenRecord, tone: Tone) -> float:
     """Share of the resolution to which a tone's frequency is told, at most 1.
 
-    A tone that is loud enough is told far better: the least standard error is sqrt(3 / chi2) / pi bins (D. Rife and
-    R. Boorstyn, IEEE Transactions on Information Theory 20, 1974). Beside a line of a record with periods it is not.
+    A tone that is loud enough is told far better (`bins_off`). Beside a line of a record with periods it is not.
     """
     if not isinstance(record, OpenRecord):
         return 1.0
-    return float(np.clip(SURE * np.sqrt(3.0 / tone.chi2) / np.pi, SHIFTED, SAME)) / SAME
+    return float(np.clip(SURE * bins_off(tone), SHIFTED, SAME)) / SAME
 
 
 def _unseen(index: int, part: Part, point: Point) -> list[Sighting]:

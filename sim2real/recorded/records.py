@@ -87,10 +87,7 @@ class Record:
     def masked(self) -> np.ndarray:
         """Lines (n,) on which a tone of known origin would lie, or one that other recordings show."""
         e = self.experiment
-        near = near_tones(self.frequency, ON_LINE * e.fundamental, e.speed_rpm)
-        for f in self.elsewhere:
-            near |= abs(self.frequency - f) < ON_LINE * e.fundamental
-        return near
+        return near_tones(self.frequency, ON_LINE * e.fundamental, e.speed_rpm, self.elsewhere)
 
     @property
     def axes(self) -> int:

@@ -1,6 +1,7 @@
 """Where tones of the mains, of the rotation or of unknown origin come from, and their lines over a whole record."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from scipy import stats
@@ -22,12 +23,11 @@ def families(speed_rpm: float) -> dict[str, tuple[float, ...]]:
     return found
 
 
-def near_tones(frequency: np.ndarray, width: float, speed_rpm: float) -> np.ndarray:
-    """Whether frequencies (n,) lie within a width (Hz) of a possible tone of known origin."""
+def near_tones(frequency: np.ndarray, width: float, speed_rpm: float, further: Sequence[float] = ()) -> np.ndarray:
+    """Whether frequencies (n,) lie within a width (Hz) of a possible tone of known origin, or of a further one."""
     near = np.zeros(frequency.size, bool)
-    for tones in families(speed_rpm).values():
-        for f in tones:
-            near |= abs(frequency - f) < width
+    for f in (*chain.from_iterable(families(speed_rpm).values()), *further):
+        near |= abs(frequency - f) < width
     return near
 
 

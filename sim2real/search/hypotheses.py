@@ -204,16 +204,16 @@ class Hypothesis:
 
     def contradicted(self, u: np.ndarray) -> tuple[str, ...]:
         """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
-        most = NEARLY * IMPOSSIBLE
-        at = zip(self.coordinates, u, strict=False)
-        moved = ((c, abs(c.value(float(v)) - c.centre), self._prior_sd(c)) for c, v in at)
-        return tuple(c.effect for c, size, sd in moved if sd and size > most * sd)
+        return tuple(name for name, size in self._off_stated(u) if size > NEARLY * IMPOSSIBLE)
 
     def beyond_stated(self, u: np.ndarray) -> float:
         """Cost of what exceeds EXCLUDED at coordinates u; 0 where nothing contradicts a stated tolerance."""
-        at = zip(self.coordinates, u, strict=False)
-        sizes = ((abs(c.value(float(v)) - c.centre), self._prior_sd(c)) for c, v in at)
-        return STEEP * sum(max(size / sd - EXCLUDED, 0.0) ** 2 for size, sd in sizes if sd)
+        return STEEP * sum(max(size - EXCLUDED, 0.0) ** 2 for _, size in self._off_stated(u))
+
+    def _off_stated(self, u: np.ndarray) -> list[tuple[str, float]]:
+        """Effects that change a parameter whose tolerance is stated, and by how many prior standard deviations."""
+        at = ((c, float(v), self._prior_sd(c)) for c, v in zip(self.coordinates, u, strict=False))
+        return [(c.effect, abs(c.value(v) - c.centre) / sd) for c, v, sd in at if sd]
 
     def strained(self, u: np.ndarray) -> dict[str, float]:
         """Stated parameters that moved by more than STRAINED tolerances, each with the cost of that."""
