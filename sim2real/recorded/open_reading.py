@@ -28,7 +28,7 @@ from sim2real.recorded.drive.instrument import along_instruments
 from sim2real.recorded.drive.log_filter import WITHIN, corner_of_log, in_words, smoothing
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
-from sim2real.recorded.static_load import load_in_words, static_load
+from sim2real.recorded.static_load import load_in_words, static_load, under_load
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
 
 if TYPE_CHECKING:
@@ -144,7 +144,6 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     motion = Motion(pulling, channels["displacement"], drive.held, drive.every)
     pulled = replace(motion, driving=channels["current"], held=False) if "current" in channels else motion
     load = static_load(drive.experiment, pulled, driving.waves["force"].mean(axis=1))
-    waves = driving.waves if load is None else {**driving.waves, "force": driving.waves["force"] + load[:, None]}
     along = along_motion(drive.experiment, motion)
     looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
@@ -153,7 +152,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         spec.role,
         rig,
         drive.experiment,
-        waves,
+        under_load(driving.waves, load),
         {kind: channels[kind] for kind in shown if kind in channels},
         driving.command,
         driving.added,

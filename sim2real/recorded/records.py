@@ -27,7 +27,7 @@ from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.current_by_voltage import driven_by_voltage, told_by_voltage
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.static_load import load_in_words, static_load
+from sim2real.recorded.static_load import load_in_words, static_load, under_load
 from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, near_tones
 from sim2real.recorded.wander import without_wander
@@ -204,10 +204,8 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     split = split_periods(np.concatenate(list(series.values())), n)
     kept = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
     periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}
-    waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
     load = _load(e, channels, whole, every)
-    if load is not None:
-        waves["force"] = waves["force"] + load[:, None]
+    waves = under_load(_waves(e, channels, driven, lines, signals.hold_rate, whole, offset), load)
     notes = (*signals.assumed, *load_in_words(load))
     notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
     start = dropped / e.fundamental

@@ -55,6 +55,11 @@ def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> np.ndarray |
     return found if notable else None
 
 
+def under_load(waves: Mapping[str, np.ndarray], load: np.ndarray | None) -> Mapping[str, np.ndarray]:
+    """What drives a record, by place (axes, samples), with constant forces (axes,), N, if there are any."""
+    return waves if load is None else {**waves, "force": waves["force"] + load[:, None]}
+
+
 def load_in_words(load: np.ndarray | None) -> list[str]:
     """What is said of a load, if there is one."""
     if load is None:
@@ -72,8 +77,6 @@ def loads_off(record: R) -> dict[str, R]:
         return {}
     found = {}
     for axis, load in enumerate(record.load):
-        more = np.zeros((record.load.size, 1))
-        more[axis] = load
-        waves = {**record.waves, "force": record.waves["force"] + more}
-        found[f"static load of {record.name}, axis {axis + 1}"] = replace(record, waves=waves)
+        more = np.where(np.arange(record.load.size) == axis, load, 0.0)
+        found[f"static load of {record.name}, axis {axis + 1}"] = replace(record, waves=under_load(record.waves, more))
     return found
