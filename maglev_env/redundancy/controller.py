@@ -15,6 +15,7 @@ from maglev_env.loop.gains import (
     reads_current,
 )
 from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.rounded import told
 from maglev_env.redundancy.rows import LEAST_LINES, Fit, Row, fit
 from maglev_env.redundancy.view import View
 
@@ -133,7 +134,10 @@ def compared(view: View, gains: Controller | None) -> Compared | None:
     if gains is None:
         return None
     lines, best = view.lines, None
-    for back, injection, referred in _made(view, gains):
+    seen = told(view, "reference") if "reference" in lines.parts else None
+    for back, injection, made in _made(view, gains):
+        # What rounds the reference in its file has never reached the controller.
+        referred = None if made is None else np.where(seen, made, 0.0)
         drive = injection if referred is None else injection + referred
         driven = int(moving(drive, lines.parts["command"]).sum()) >= LEAST_LINES
         inputs = [back, drive] if driven else [back]
