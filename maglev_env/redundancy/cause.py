@@ -53,7 +53,8 @@ def _causes(names: tuple[str, ...], rows: Sequence[Row], rate: float) -> tuple[C
     """The sizes, signs and delays of these causes; None where some row contradicts them all the same."""
     rows = [row for row in rows if row.known]
     with_it = [row for row in rows if row.powers.keys() & {*names}]
-    sizes = _mean(names, [(r, r.size, r.gain_se + r.tolerance / LEVEL, r.gain_se) for r in with_it])
+    spread = [r.gain_se + r.tolerance / LEVEL for r in with_it]
+    sizes = _mean(names, [(r, r.size, s, s) for r, s in zip(with_it, spread, strict=True)])
     late = tuple(name for name in names if name not in PARAMETERS)
     delays = _mean(late, [(r, r.delay, r.delay_se + r.delay_tolerance / LEVEL, r.delay_se) for r in with_it
                           if r.delay is not None])  # fmt: skip
@@ -74,6 +75,8 @@ def _causes(names: tuple[str, ...], rows: Sequence[Row], rate: float) -> tuple[C
         gain_limit = row.tolerance + LEVEL * row.gain_se + (ROUGH + row.misfit) * held + 0.02 * abs(size)
         if abs(row.size - size) > gain_limit:
             return None
+        if row.gain_off(negative=row.gain < 0) and abs(row.size - size) > abs(row.size) / 2:
+            return None  # within a wide tolerance, but it is not what the row is off by
         if row.delay is not None and abs(row.delay - delay) > row.delay_tolerance + LEVEL * row.delay_se + slack * held:
             return None
     if any(abs(sizes[n][0]) < ROUGH and not negative[n] and abs(delays[n][0]) < slack for n in names):

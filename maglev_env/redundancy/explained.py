@@ -86,8 +86,7 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     if lead.name == "mass" and mass:
         factor, reach = mass["mass"], 2 * mass["mass_se"]
     elif lead.name in ("mass", "actuator gain"):
-        # Noise is the least of it: two of the tolerance's four standard deviations, and all that the stiffness may do.
-        reach += (max(row.tolerance for row in off) + STIFFNESS) / 2 * abs(factor)
+        reach += STIFFNESS / 2 * abs(factor)  # all that the stiffness may do
     says, code, value, interval = [], "scale", factor, (factor - reach, factor + reach)
     gained = lead.negative or any(row.gain_off() for row in off)
     if lead.negative and not any(abs(row.size) > row.tolerance + LEVEL * row.gain_se for row in off):

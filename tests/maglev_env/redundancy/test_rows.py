@@ -135,3 +135,13 @@ def test_a_mass_that_a_row_alone_tells_is_known_as_the_row_is_and_makes_nothing_
     assert found.interval[0] < 0.5 < found.interval[1] and "early" not in found.message
     told = replace(wrong, notes={"mass": 0.501, "mass_se": 0.01})
     assert "0.501 +- 0.02 times" in explained(view, [told, *held])[0].message
+
+
+def test_what_a_stated_peak_confirms_is_not_accused_of_the_average_of_two_rows_that_disagree():
+    """A probe gain of 1.25 times the stated one was "force: factor 0.968 +- 0.003", which nothing in the file shows."""
+    newton = Row("newton force", {"displacement": 1, "force": -1, "mass": 1}, 1.364, 0.002, 0.3, "the force on 0.5 kg")
+    peak = Row("designed force", {"force": 1}, 1.0, 0.001, 0.02, "its stated peak")
+    assert {cause.name for cause in causes([newton, peak], RATE)} == {"displacement", "mass"}
+    view = SimpleNamespace(rate=RATE, recording="run", columns={}, recorded={"displacement", "force"}, gains=None)
+    found = explained(view, [newton, peak])[0]
+    assert found.channel.startswith("displacement") and found.interval[0] < 1.25 < found.value < found.interval[1]
