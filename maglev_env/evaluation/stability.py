@@ -16,6 +16,7 @@ from maglev_env.recordings.spectra import RecordedSignals, RecordSpectra
 from maglev_env.rig.drawn import TANGENT, scaled_rig
 from maglev_env.rig.rig import Rig
 
+ASSUMED = "no injection at the current: margins assume the nominal actuator and controller"
 LEAST = 4  # lines that margins can be read from
 
 
@@ -56,7 +57,7 @@ def stability_of(
         feedback = _feedback(rig, signals.gains, force.frequency, held)
         s, variance = 1 - feedback * receptance, np.abs(feedback) ** 2 * noise
         loop, source = force, "assumes the nominal actuator"
-        why = "no injection at the current: margins assume the nominal actuator and controller"
+        why = ASSUMED
         if rig.tolerance:
             why += f", within the rig's tolerance of {', '.join(sorted(rig.tolerance))}"
     else:

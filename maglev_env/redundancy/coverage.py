@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from maglev_env.loop.gains import reads_current
+from maglev_env.redundancy.controller import cut_off
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.rows import LEVEL, Row
 from maglev_env.redundancy.view import View
@@ -42,7 +43,11 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         inputs = ["displacement", *(["current"] if reads_current(view.gains, 1 / view.rig.control_rate) else [])]
         missing = [name for name in ("command", *inputs) if name not in view.recorded]
         missing += [] if view.known_drive else ["what is injected"]
-        advice.append(f"record {' and '.join(missing) or 'every channel'} at the control rate")
+        if not missing and ("command" in view.railed or cut_off(view.channels["command"])):
+            advice.append("the command reaches a limit that the controller does not state: state its limit, such as "
+                          'controller = { form = "pid", ..., limit = [-1.0, 1.0] }')  # fmt: skip
+        else:
+            advice.append(f"record {' and '.join(missing) or 'every channel'} at the control rate")
     if late:
         advice.append("excite more than one line")
     if any(name.startswith(BETWEEN) for name in free) and not any("name the rig" in a for a in advice):

@@ -1,8 +1,14 @@
-"""What an identification cannot be: a peak sensitivity below 1, or constants where constants do not fit."""
+"""What an identification cannot be: a peak below 1, constants where none fit, margins of what is contradicted."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
 
 from maglev_env.evaluation.identification import Identification
+from maglev_env.evaluation.stability import ASSUMED
 from maglev_env.redundancy.finding import Finding
 
+NOMINAL = ("gains", "actuator gain")  # what margins without an injection take from the campaign and its rig
 POOR_P, POOR_R2, MOST_POOR = 1e-3, 0.9, 0.5  # of a band; share of the bands that may be poor
 
 
@@ -32,3 +38,27 @@ def doubtful(recording: str, found: Identification) -> list[Finding]:
             )
             findings.append(Finding("sensitivity", recording, "margins", float(peak), None, text, "quality"))
     return findings
+
+
+def without_contradicted_margins(
+    recording: str, found: Identification, warnings: Iterable[Mapping[str, Any]]
+) -> Identification:
+    """An axis of a recording without the margins that rest on a controller or an actuator which it contradicts.
+
+    Args:
+        recording: File, with its axis where it has two.
+        found: What is identified of it.
+        warnings: Findings of the campaign as data, see `as_data`.
+    """
+    if found.stability is None or found.stability.source == "injection":
+        return found
+    for one in warnings:
+        wrong = [name for name in NOMINAL if name in one["channel"].split(" or ")]
+        if wrong and one["recording"] == recording and one["kind"] not in ("quality", "not checkable"):
+            why = (
+                f"no margins: they would follow from the stated {' and '.join(wrong)}, which the recording contradicts "
+                "(see the warning); correct what is stated, or inject a known signal at the command"
+            )
+            kept = [note for note in found.notes if not note.startswith(ASSUMED)]
+            return replace(found, stability=None, notes=(*kept, why))
+    return found

@@ -92,7 +92,7 @@ def estimate(
     if mass is not None:
         campaign = with_mass(campaign, mass)
     warnings = warned(replace(campaign, mass=None) if estimate_mass else campaign, LEAVING_OUT)
-    from maglev_env.redundancy.result import doubtful
+    from maglev_env.redundancy.result import doubtful, without_contradicted_margins
     from maglev_workbench.commands.estimate.answer import estimate_answer
     from maglev_workbench.commands.estimate.gain_report import gain_table
     from maglev_workbench.commands.estimate.planar_report import planar_json, planar_sections, planar_table
@@ -113,6 +113,8 @@ def estimate(
             campaign, estimate_mass, band_width, band_overlap, lambda s: bar.track(s, description="estimate")
         )
     warnings += shown(finding for file, one in found.axes for finding in doubtful(file, one))
+    axes = [(file, without_contradicted_margins(file, one, warnings)) for file, one in found.axes]
+    found = replace(found, axes=axes)
     rig = f"{campaign.rig.name}, {campaign.mass:g} kg" if campaign.rig else "not given"
     unused = {one.recording for one in found.left_out}
     recordings = ", ".join(spec.file for spec in campaign.recordings if spec.file not in unused)

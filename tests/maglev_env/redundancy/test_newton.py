@@ -62,6 +62,17 @@ def test_a_time_that_one_line_cannot_tell_is_said():
     assert "time of the reference" in said.message and "excite more than one line" in said.message
 
 
+def test_a_limit_that_the_controller_does_not_state_is_why_its_gains_are_not_checked():
+    """Every channel was recorded at the control rate, and the advice was to do that."""
+    view = levitated(0.0, 0, 0.05)
+    channels = {**view.channels, "command": view.channels["current"], "injection": view.channels["current"]}
+    gains = LinearController((1.0,), (1.0,))
+    for railed, said in ((frozenset({"command"}), "state its limit"), (frozenset(), "record every channel")):
+        stated = replace(view, channels=channels, recorded=frozenset(channels), gains=gains, railed=railed)
+        (finding,) = uncovered(stated, [])
+        assert "gains" in finding.channel and said in finding.message
+
+
 def test_a_force_that_nobody_recorded_is_no_delay_of_the_displacement():
     """Taps on a hovering ball: command and displacement are related by the controller, which is stated."""
     gain, stiffness = linearise(force_law(BALL))

@@ -16,7 +16,8 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.redundancy.bounds import ranges
-from maglev_env.redundancy.result import doubtful
+from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.result import doubtful, without_contradicted_margins
 from maglev_env.redundancy.rules import _as_many, _at_ticks, _compares, _views, as_data, examine
 from maglev_env.rig.rig_file import load_rig
 
@@ -342,16 +343,37 @@ displacement = {{ from = "displacement" }}
     assert data.keys() == {"code", "recording", "channel", "value", "interval", "message", "kind"}
 
 
-def test_results_that_no_loop_can_have_are_said(sound):
+@pytest.fixture(scope="module")
+def identified(sound):
     campaign = load_campaign(sound)
     spec = campaign.recordings[0]
     signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
-    found = identify(signals, campaign.rig, campaign.mass, band_width=60.0, band_overlap=20.0)
+    return identify(signals, campaign.rig, campaign.mass, band_width=60.0, band_overlap=20.0)
+
+
+def test_results_that_no_loop_can_have_are_said(identified):
+    found = identified
     assert doubtful("base.npz", found) == []
     low = replace(found.stability.margins, peak_sensitivity=0.9, intervals={"peak_sensitivity": (0.8, 0.95)})
     poor = tuple(replace(b, fit_p=1e-9, r2_adjusted=0.5, informative=True, ls_biased=False) for b in found.bands)
     codes = [f.code for f in doubtful("x", replace(found, bands=poor, stability=replace(found.stability, margins=low)))]
     assert codes == ["fit", "sensitivity"]
+
+
+def test_margins_of_a_contradicted_controller_are_withheld(identified):
+    """Gains that count in mm had left "peak sensitivity 1.00 (1.00 .. 1.00)" of a loop with 2.4."""
+    found = identified
+    assumed = replace(found, stability=replace(found.stability, source="assumes the nominal actuator"))
+    finding = Finding("scale", "base.npz", "command or displacement or gains", 0.001, None, "", "wiring")
+    for kind, channel, kept in (
+        ("wiring", "gains", False), ("effect", "mass or actuator gain", False), ("quality", "gains", True),
+        ("wiring", "displacement", True),
+    ):  # fmt: skip
+        said = as_data([replace(finding, kind=kind, channel=channel)])
+        left = without_contradicted_margins("base.npz", assumed, said)
+        assert (left.stability is not None) == kept and any("no margins" in note for note in left.notes) != kept
+        assert without_contradicted_margins("base.npz", found, said).stability is not None  # they are measured
+        assert without_contradicted_margins("other.npz", assumed, said).stability is not None
 
 
 @pytest.mark.parametrize(
