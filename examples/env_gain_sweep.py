@@ -9,7 +9,7 @@ ENVS = 64
 
 
 def sweep(steps: int = 4, seed: int = 0) -> tuple[float, dict[str, float]]:
-    """The best score over steps x 64 random gain sets, and its gains (A/m, A/(m s), A s/m)."""
+    """The best score over steps x 64 random gain sets, and its gains (A/m, A/m, A s/m)."""
     env = gym.make_vec("maglev/HMBFree-v0", num_envs=ENVS, budget=steps, protocol="quick")
     env.reset(seed=seed)
     env.action_space.seed(seed)

@@ -1,7 +1,7 @@
 """A page on recordings for a first look: one period over time, and every line with its noise."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from estimation.lines.periods import line_statistics, period_spectra, split_periods
 from maglev_env.channels import MEASURED
-from maglev_env.loop.gains import GAIN_CARDS
+from maglev_env.loop.gains import GAIN_CARDS, unit_of_gain
 from maglev_env.recordings.alarms.alarm import alarms_of
 from maglev_env.rig.excitation import Excitation
 from maglev_workbench.page import COLOURS, labelled_axis, number, page, styled
@@ -66,16 +66,17 @@ def _made_by(recordings: "Sequence[tuple[str, xr.Dataset]]") -> dict[str, str]:
     for name in ("rig", "gains", "effects", "sensor", "speed_rpm", "seed", "version"):
         value = first.get(name)
         if isinstance(value, dict):
-            value = ", ".join(f"{key} {_with_unit(key, one)}" for key, one in value.items())
+            value = ", ".join(f"{key} {_with_unit(key, value)}" for key in value)
         if value not in (None, ""):
             made_by[_LABELS.get(name, name.capitalize())] = f"{value:g}" if isinstance(value, float) else f"{value}"
     return made_by
 
 
-def _with_unit(name: str, value: object) -> str:
-    """A value of the experiment, a gain with its SI unit."""
+def _with_unit(name: str, among: Mapping[str, object]) -> str:
+    """A value of some of the experiment, a gain with its SI unit."""
+    value = among[name]
     known = isinstance(value, float) and name in GAIN_CARDS
-    return f"{value:g} {GAIN_CARDS[name].unit}".strip() if known else f"{value}"
+    return f"{value:g} {unit_of_gain(name, (n for n in among if n in GAIN_CARDS))}".strip() if known else f"{value}"
 
 
 def _channels(dataset: "xr.Dataset") -> list[str]:

@@ -43,7 +43,7 @@ def write_sweep(
         file.dimensions = {"experiment": n, "band": len(bands)}
         file.attrs.update(attributes)
         for name, values in whole.items():
-            unit = "Hz" if name.startswith("band_") else unit_of_gain(name) if name in gains else ""
+            unit = "Hz" if name.startswith("band_") else unit_of_gain(name, gains) if name in gains else ""
             of = "band" if name.startswith("band_") else "experiment"
             file.create_variable(name, (of,), data=values).attrs.update(_units(unit))
         stored = {name: _begun(file, name, array, gains) for name, array in first.items() if name != "bands"}

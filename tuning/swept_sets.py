@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maglev_env.loop.gains import GAIN_CARDS, card_of
 from tuning.sweep_file import BAND_ENDS
 
 if TYPE_CHECKING:
@@ -71,6 +72,11 @@ class SweptSets:
         if name not in self._known:
             self._known[name] = self.read(name, None)
         return self._known[name]
+
+    @property
+    def shown(self) -> dict[str, tuple[float, str]]:
+        """Factor from SI, and unit, in which pages and tables show each gain, by name in the order of the cards."""
+        return {name: card_of(name, self.gains).on_pages for name in GAIN_CARDS if name in self.gains}
 
     def some(self, rows: np.ndarray) -> "SweptSets":
         """Some of the experiments (k,) by their places, without bands."""

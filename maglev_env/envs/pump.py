@@ -33,7 +33,7 @@ class PumpRotorEnv(RigEnv):
     | gain | unit | bounds |
     |---|---|---|
     | kp | A/m | `bounds`, else the rotor's |
-    | ki | A/(m s) | likewise |
+    | ki | A/m | likewise |
     | kd | A s/m | likewise |
     | td, ti | s | likewise, else 0.3 to 3 times the rotor's |
 

@@ -30,7 +30,7 @@ class RigEnv(gym.Env[np.ndarray, np.ndarray]):
     | gain | unit | bounds |
     |---|---|---|
     | kp | A/m | `bounds`, else the rig's |
-    | ki | A/(m s) | likewise |
+    | ki | A/m | likewise |
     | kd | A s/m | likewise |
     | td, ti | s | likewise, else 0.3 to 3 times the rig's |
     | those of filters and of other controllers | | docs/controllers.md |

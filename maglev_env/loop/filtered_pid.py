@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from maglev_env.loop.gain_card import KD, KI, KP, TIME_CONSTANT, GainCard, check_gains, gain
+from maglev_env.loop.gain_card import KD, KP, LEAK, TIME_CONSTANT, GainCard, check_gains, gain
 from maglev_env.loop.linear_controller import LinearController
 
 # A rig's resonance is usually known to some ten percent; a corner is free within a decade.
@@ -114,7 +114,7 @@ class FilteredPid:
     """The PID of `Gains`, whose command passes through filters.
 
     Args:
-        kp, ki, kd, td, ti: as in `Gains`: A/m, A/(m s), A s/m, s, s.
+        kp, ki, kd, td, ti: as in `Gains`: A/m, A/m, A s/m, s, s.
         notch, notch2, lead_lag, low_pass: filters; None: absent.
 
     Raises:
@@ -122,7 +122,7 @@ class FilteredPid:
     """
 
     kp: float = gain(KP)
-    ki: float = gain(KI)
+    ki: float = gain(LEAK)
     kd: float = gain(KD)
     td: float = gain(TIME_CONSTANT, 1e-4)
     ti: float = gain(TIME_CONSTANT, 0.0318)

@@ -52,6 +52,7 @@ def gain(card: GainCard, default: Any = MISSING) -> Any:
 # Ranges around gains that levitate: mostly stable and well damped on rigs with every kind of magnet.
 KP = GainCard("A/m", (0.6, 2.5), shown=(1e-3, "A/mm"))
 KI = GainCard("A/(m s)", (0.1, 10.0), shown=(1e-3, "A/(mm s)"))
+LEAK = GainCard("A/m", (0.1, 10.0), shown=(1e-3, "A/mm"))  # of a low-pass in the integrator's place
 KD = GainCard("A s/m", (0.3, 3.0))
 TIME_CONSTANT = GainCard("s", (0.3, 3.0), first=False)
 

@@ -1,6 +1,6 @@
 """Controllers of an axis: PID gains as the nominal rig's digital controller uses them, a linear filter, or a form."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import lru_cache
 from math import exp
@@ -12,7 +12,7 @@ import scipy
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import AXES
 from maglev_env.loop.controller_forms import FORMS, Form
-from maglev_env.loop.gain_card import KD, KI, KP, TIME_CONSTANT, GainCard, cards, gain, stated_gains
+from maglev_env.loop.gain_card import KD, KP, LEAK, TIME_CONSTANT, GainCard, cards, gain, stated_gains
 from maglev_env.loop.linear_controller import LinearController
 
 
@@ -22,7 +22,7 @@ class Gains:
 
     Args:
         kp: A/m.
-        ki: A/(m s); the filter of x has unit gain at zero frequency, so the integrator leaks.
+        ki: A/m, since the filter of x has unit gain at rest: an integrator of ki / ti, A/(m s), that leaks.
         kd: A s/m.
         td: time constant of the filter of d, s.
         ti: time constant of the filter of x, s.
@@ -32,7 +32,7 @@ class Gains:
     """
 
     kp: float = gain(KP)
-    ki: float = gain(KI)
+    ki: float = gain(LEAK)
     kd: float = gain(KD)
     td: float = gain(TIME_CONSTANT, 1e-4)
     ti: float = gain(TIME_CONSTANT, 0.0318)
@@ -49,15 +49,23 @@ class Gains:
 Controller = Gains | LinearController | Form
 Digital = Gains | LinearController
 INPUTS = ("reference", "reading", "current")
-# Every gain that some controller has, by name.
-GAIN_CARDS: Mapping[str, GainCard] = {
-    name: card for cls in (Gains, *FORMS.values()) for name, card in cards(cls).items()
-}
+_CARDS = tuple(cards(of) for of in (Gains, *FORMS.values()))
+# Every gain that some controller has, by name; what several have, as the first of them.
+GAIN_CARDS: Mapping[str, GainCard] = {name: card for own in reversed(_CARDS) for name, card in own.items()}
 
 
-def unit_of_gain(name: str) -> str:
-    """The SI unit of a gain; the name of a controller may stand behind it, as in kp_A."""
-    return GAIN_CARDS[name if name in GAIN_CARDS else name.split("_")[0]].unit
+def card_of(name: str, beside: Iterable[str]) -> GainCard:
+    """The card of a gain beside others, all of the controller's: ki is another quantity where there is no ti.
+
+    The name of a controller may stand behind a gain's, as in kp_A.
+    """
+    own, *others = (n if n in GAIN_CARDS else n.split("_")[0] for n in (name, *beside))
+    return next((known[own] for known in _CARDS if {own, *others} <= known.keys()), GAIN_CARDS[own])
+
+
+def unit_of_gain(name: str, beside: Iterable[str]) -> str:
+    """The SI unit of a gain, see `card_of`."""
+    return card_of(name, beside).unit
 
 
 # One controller for every axis, or one for each of x and y.

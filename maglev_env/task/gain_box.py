@@ -23,12 +23,14 @@ class GainBox:
         low: (k,), lower bounds in the gains' units.
         high: (k,), upper bounds.
         log: (k,), whether a gain is mapped logarithmically.
+        units: of the k gains, SI.
     """
 
     names: tuple[str, ...]
     low: np.ndarray
     high: np.ndarray
     log: np.ndarray
+    units: tuple[str, ...]
 
     def gains(self, actions: np.ndarray) -> np.ndarray:
         """Gains (..., k) of actions (..., k) in [-1, 1]."""
@@ -126,7 +128,8 @@ def gain_box(
             raise ValueError(f"bounds: {name} starts at {low:g}; it cannot be negative, nor a time constant zero")
         pairs.append((low, high))
     low, high = np.array(pairs).T
-    box = GainBox(tuned, low, high, (low > 0) & (high >= WIDE_RANGE * np.where(low > 0, low, np.inf)))
+    log = (low > 0) & (high >= WIDE_RANGE * np.where(low > 0, low, np.inf))
+    box = GainBox(tuned, low, high, log, tuple(table[name][1].unit for name in tuned))
     for end in (low, high):
         try:
             digital(of_axis(box.applied(preset, end), 0), 1 / rig.control_rate)

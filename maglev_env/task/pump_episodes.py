@@ -76,7 +76,8 @@ def rotor_box(
     if control == "common":
         return boxes[0]
     names = tuple(f"{name}_{own}" for own, box in zip(rotor.gains, boxes, strict=True) for name in box.names)
-    return GainBox(names, *(np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high", "log")))
+    low, high, log = (np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high", "log"))
+    return GainBox(names, low, high, log, tuple(unit for box in boxes for unit in box.units))
 
 
 def gains_at(rotor: Rotor, gains: np.ndarray, tuned: Sequence[str]) -> Rotor:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PID:
-    """Gains in A/m, A/(m s), A s/m, and time constants of the derivative and integral low-pass, s."""
+    """Gains in A/m, A/m, A s/m, and time constants of the derivative and integral low-pass, s."""
 
     kp: float
     ki: float

@@ -27,7 +27,7 @@ CENTRES, NARROWER = 3, 0.45  # best controllers around which the next round look
 FINALISTS, AGAIN, JUDGED = 6, 16, 3
 SEEDS = 3  # of the noise, over whose scores a search takes the mean: that of one would be a lucky one at a limit
 SEARCH = 57721  # mixed into the seed so that its noise is that of nothing else
-NO_BOX = GainBox((), np.empty(0), np.empty(0), np.empty(0, bool))
+NO_BOX = GainBox((), np.empty(0), np.empty(0), np.empty(0, bool), ())
 
 
 @dataclass(frozen=True, eq=False)

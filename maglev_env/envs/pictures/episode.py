@@ -45,7 +45,6 @@ from maglev_env.experiment import Experiment, recorded_channels
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.gains import unit_of_gain
 from maglev_env.rig.excitation import lines_at
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
@@ -219,7 +218,7 @@ def _draw_gains(axes: Axes, task: Task, history: History) -> None:
     for which, name in (("x", "kp"), ("y", "kd")):
         i = task.box.names.index(name)
         ends = task.box.low[i], task.box.high[i]
-        put_axis(axes, which, ends, f"{name} / {unit_of_gain(name)}", log=bool(task.box.log[i]))
+        put_axis(axes, which, ends, f"{name} / {task.box.units[i]}", log=bool(task.box.log[i]))
     draw_tries(axes, *np.array([[info["kp"], info["kd"]] for _, info in history]).T, history)
     bar = colormaps[SCORES](np.linspace(0, 1, BAR[1]))
     axes.figure.figimage(np.repeat(bar[:, None], BAR[0], axis=1), *BAR_AT, origin="lower")

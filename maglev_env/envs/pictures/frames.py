@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from maglev_env.loop.gains import unit_of_gain
 from maglev_env.task.task import TOUCHDOWN_REWARD, Tuning
 
 History = Sequence[tuple[np.ndarray, dict[str, Any]]]
@@ -63,7 +62,7 @@ def draw_heading(figure: Figure, task: Tuning, history: History) -> None:
     down, feasible = "touchdown_time" in info, info["feasible"]
     which = f"experiment {count} of {task.budget}" if count else f"start, before {task.budget} experiments"
     result = "touchdown" if down else f"score {info['score']:.3f}" if feasible else "unstable loop"
-    gains = [f"{name} = {plain(info[name])} {unit_of_gain(name)}" for name in task.box.names]
+    gains = [f"{name} = {plain(info[name])} {unit}" for name, unit in zip(task.box.names, task.box.units, strict=True)]
     rows = wrap(",  ".join(gain.replace(" ", NO_BREAK) for gain in gains), 92)
     reward = f"reward: score; unstable 0; touchdown {TOUCHDOWN_REWARD:g}".replace("-", "−")
     big, small = {"fontsize": LARGE, "weight": "bold"}, {"fontsize": NORMAL, "color": GREY}

@@ -24,7 +24,7 @@ class ControllerFit:
     """The PID that fits a command best.
 
     Args:
-        gains: in A/m, A/(m s), A s/m, s, s, for the displacement as it is given.
+        gains: in A/m, A/m, A s/m, s, s, for the displacement as it is given.
         bias: A, constant part of the command.
         residual: rms of what the fit leaves, A.
         step: step of the command's converter, A.

@@ -28,7 +28,7 @@ CASE_HEAD = (
     *(f"peak |S|, {name}" for name in NAMES),
     "failed",
 )
-GAIN_HEAD = ("campaign", "tuned on", "kp, A/m", "ki, A/(m s)", "kd, A s/m", "promised", "on the twin")
+GAIN_HEAD = ("campaign", "tuned on", "kp, A/m", "ki, A/m", "kd, A s/m", "promised", "on the twin")
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def runup(
     rotor: Annotated[str, typer.Option(help="Preset (pump) or a rotor TOML.")] = "pump",
     speeds: Annotated[str, typer.Option(help="lo:hi:step in rpm, or one speed.")] = "0:14000:500",
     kp: Annotated[float | None, typer.Option(help="A/m, of both controllers (default: the rotor's).")] = None,
-    ki: Annotated[float | None, typer.Option(help="A/(m s), of both controllers.")] = None,
+    ki: Annotated[float | None, typer.Option(help="A/m, of both controllers.")] = None,
     kd: Annotated[float | None, typer.Option(help="A s/m, of both controllers.")] = None,
     gains: Annotated[
         list[str], typer.Option(help="One gain of one controller, e.g. translation.kp=9000; repeat.")

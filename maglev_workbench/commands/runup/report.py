@@ -187,7 +187,7 @@ def _all_gains(rotor: Rotor) -> str:
 
 
 def _gains(gains: Gains) -> str:
-    return f"kp {gains.kp:g} A/m, ki {gains.ki:g} A/(m s), kd {gains.kd:g} A s/m, td {gains.td:g} s, ti {gains.ti:g} s"
+    return f"kp {gains.kp:g} A/m, ki {gains.ki:g} A/m, kd {gains.kd:g} A s/m, td {gains.td:g} s, ti {gains.ti:g} s"
 
 
 def _sensitivity_zone(peak: float) -> str:

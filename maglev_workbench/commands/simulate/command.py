@@ -24,7 +24,7 @@ app = typer.Typer()
 def simulate(
     rig: RigOption = "hmb_free",
     kp: Annotated[float | None, typer.Option(help="A/m (default: the rig's).")] = None,
-    ki: Annotated[float | None, typer.Option(help="A/(m s).")] = None,
+    ki: Annotated[float | None, typer.Option(help="A/m; ki / ti is the integral gain.")] = None,
     kd: Annotated[float | None, typer.Option(help="A s/m.")] = None,
     td: Annotated[float | None, typer.Option(help="Time constant of the derivative's filter, s.")] = None,
     ti: Annotated[float | None, typer.Option(help="Time constant of the integral's filter, s.")] = None,

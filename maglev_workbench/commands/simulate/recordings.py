@@ -76,7 +76,7 @@ def _words(gains: Controllers) -> str:
         return " and ".join(map(_words, gains))
     if not isinstance(gains, Gains):
         return f"its controller ({form_of(gains) or 'transfer_function'})"
-    return f"kp = {gains.kp:g} A/m, ki = {gains.ki:g} A/(m s), kd = {gains.kd:g} A s/m"
+    return f"kp = {gains.kp:g} A/m, ki = {gains.ki:g} A/m, kd = {gains.kd:g} A s/m"
 
 
 def summary(rig: Rig, recordings: list[tuple[str, str, "xr.Dataset", Experiment]], toml: Path) -> dict[str, Any]:

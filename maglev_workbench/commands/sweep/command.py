@@ -30,7 +30,7 @@ app = typer.Typer()
 def sweep(
     rig: RigOption = "hmb_free",
     kp: Annotated[str | None, typer.Option(help="lo:hi:n in A/m, or one value.")] = None,
-    ki: Annotated[str | None, typer.Option(help="lo:hi:n in A/(m s), or one value.")] = None,
+    ki: Annotated[str | None, typer.Option(help="lo:hi:n in A/m, or one value.")] = None,
     kd: Annotated[str | None, typer.Option(help="lo:hi:n in A s/m, or one value.")] = None,
     gain: Annotated[
         list[str], typer.Option(metavar="NAME=LO:HI:N", help="Any gain of the controller, in SI; repeat.")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.normal import NORMAL_95
-from maglev_env.loop.gains import GAIN_CARDS
 from maglev_workbench.page import (
     COLOURS,
     INFEASIBLE,
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 PID = ("kp", "ki", "kd")
-SHOWN = {name: card.on_pages for name, card in GAIN_CARDS.items()}  # factor from SI, unit
 QUANTITIES = {  # factor from SI, label, colours
     "stiffness": (1e-3, "stiffness in kN/m", "viridis"),
     "damping": (1.0, "damping in N s/m", "viridis"),
@@ -43,13 +41,12 @@ WORST_SENSITIVITY = 6.0  # end of the colour scale: a loop with a larger peak is
 
 def shown_gains(sets: SweptSets) -> list[str]:
     """Gains that tables and figures of a sweep show: those of a PID, and all others that differ."""
-    gains = [name for name in SHOWN if name in sets.gains]
-    return [name for name in gains if name in PID or np.unique(sets[name]).size > 1]
+    return [name for name in sets.shown if name in PID or np.unique(sets[name]).size > 1]
 
 
 def gains_in_words(sets: SweptSets) -> list[str]:
     """The shown gains of every experiment, in display units."""
-    columns = [(name, sets[name] * SHOWN[name][0], SHOWN[name][1]) for name in shown_gains(sets)]
+    columns = [(name, sets[name] * sets.shown[name][0], sets.shown[name][1]) for name in shown_gains(sets)]
     return [
         ", ".join(f"{name} {number(values[i])} {unit}".rstrip() for name, values, unit in columns)
         for i in range(len(sets))
@@ -93,7 +90,7 @@ def _shown(sets: SweptSets, name: str, of: str = "") -> np.ndarray:
 
 def _hover(sets: SweptSets) -> dict[str, np.ndarray]:
     """customdata (experiments, 5 + gains) for hover texts, and texts (experiments,) on why a set is infeasible."""
-    gains = [sets[name] * SHOWN[name][0] for name in shown_gains(sets)]
+    gains = [sets[name] * sets.shown[name][0] for name in shown_gains(sets)]
     values = [*(_shown(sets, name) for name in QUANTITIES), sets["phase_margin"], *gains]
     times = sets["touchdown_time"]
     why = ["unstable loop" if np.isnan(t) else f"touched down after {t:.3g} s" for t in times]
@@ -104,13 +101,13 @@ def _templates(sets: SweptSets) -> tuple[str, str]:
     """Hover texts of feasible and of infeasible sets; the gains stand in customdata from the sixth place on."""
     parts = []
     for i, name in enumerate(shown_gains(sets), 5):
-        parts.append(f"{name} %{{customdata[{i}]:.4g}} {SHOWN[name][1]}".rstrip())
+        parts.append(f"{name} %{{customdata[{i}]:.4g}} {sets.shown[name][1]}".rstrip())
     where = ", ".join(parts) + "<br>"
     return where + _HOVER, where + _INFEASIBLE
 
 
 def _axis(sets: SweptSets, name: str) -> dict[str, Any]:
-    scale, unit = SHOWN[name]
+    scale, unit = sets.shown[name]
     return labelled_axis(f"{name} in {unit}", sets[name] * scale, sets.attrs.get("log") == "true")
 
 
@@ -146,7 +143,7 @@ def _maps(sets: SweptSets, swept: Sequence[str]) -> "Figure":
             owner.append(s)
     figure.add_traces(traces, rows=[p // 2 + 1 for p in panels], cols=[p % 2 + 1 for p in panels])
     if slid:
-        scale, unit = SHOWN[slid[0]]
+        scale, unit = sets.shown[slid[0]]
         steps = []
         for s, cells in enumerate(slices):
             label = number(float(sets[slid[0]][cells[0, 0]]) * scale)
@@ -164,7 +161,7 @@ def _map_traces(
     They are data, of which plotly makes traces once: it would copy each of its own.
     """
     ok, log = sets["feasible"][cells], sets.attrs.get("log") == "true"
-    at_x, at_y = sets[x][cells[0]] * SHOWN[x][0], sets[y][cells[:, 0]] * SHOWN[y][0]
+    at_x, at_y = sets[x][cells[0]] * sets.shown[x][0], sets[y][cells[:, 0]] * sets.shown[y][0]
     cell = {"x": at_x, "y": at_y, "customdata": hover["customdata"][cells], "hoverongaps": False}
     feasible, infeasible = _templates(sets)
     grey = {"z": np.where(ok, np.nan, 0.0), "colorscale": [INFEASIBLE, INFEASIBLE], "showscale": False}
@@ -192,7 +189,7 @@ def _map_traces(
 
 
 def _star(sets: SweptSets, best: int, x: str, y: str, symbol: str = "star") -> dict[str, Any]:
-    at = {axis: [float(sets[name][best]) * SHOWN[name][0]] for axis, name in (("x", x), ("y", y))}
+    at = {axis: [float(sets[name][best]) * sets.shown[name][0]] for axis, name in (("x", x), ("y", y))}
     marker = {"symbol": symbol, "size": 16, "color": STAR, "line": {"color": "white", "width": 1.5}}
     return {"type": "scatter", **at, "mode": "markers", "marker": marker, "hoverinfo": "skip"}
 
@@ -203,7 +200,7 @@ def _points(sets: SweptSets, swept: Sequence[str]) -> "Figure":
 
     x, y = swept[:2]
     hover, ok, figure = _hover(sets), sets["feasible"], _gain_panels(sets, x, y)
-    at_x, at_y = (sets[name] * SHOWN[name][0] for name in (x, y))
+    at_x, at_y = (sets[name] * sets.shown[name][0] for name in (x, y))
     cross = {"symbol": "x-thin", "size": 7, "line": {"color": "#999", "width": 1.5}}
     best = int(np.where(ok, sets["score"], -1.0).argmax())
     feasible, infeasible = _templates(sets)
@@ -223,7 +220,7 @@ def _lines(sets: SweptSets, x: str) -> "Figure":
     from plotly.subplots import make_subplots
 
     data = sets.some(np.argsort(sets[x], kind="stable"))
-    log, at, ok = data.attrs.get("log") == "true", data[x] * SHOWN[x][0], data["feasible"]
+    log, at, ok = data.attrs.get("log") == "true", data[x] * sets.shown[x][0], data["feasible"]
     middle = np.sqrt(at[1:] * at[:-1]) if log else (at[1:] + at[:-1]) / 2
     edges = np.concatenate([at[:1], middle, at[-1:]])
     best, hover = int(np.where(ok, data["score"], -1.0).argmax()), _hover(data)
@@ -267,7 +264,7 @@ def best_bands(sets: SweptSets, rows: Sequence[Mapping[str, Any]]) -> "Figure":
         pad = 0.3 * (high - low) + 0.05 * abs(high)
         figure.update_yaxes(range=[low - pad, high + pad], row=1, col=col)
         for i, (row, colour, dash) in enumerate(zip(rows, COLOURS, ("solid", "dash", "dot"), strict=False)):
-            gains = ", ".join(f"{g} {number(row['gains'][g] * SHOWN[g][0])}" for g in shown_gains(sets))
+            gains = ", ".join(f"{g} {number(row['gains'][g] * sets.shown[g][0])}" for g in shown_gains(sets))
             reach = NORMAL_95 * half[i]
             figure.add_trace(
                 shaded(centre, value[i] - reach, value[i] + reach, colour, legendgroup=gains), row=1, col=col

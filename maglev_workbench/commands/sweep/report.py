@@ -11,7 +11,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.evaluation.score import WEIGHTS
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import MATCH, Goal, parse_goal
-from maglev_workbench.commands.sweep.figures import SHOWN, best_bands, gains_in_words, over_gains, shown_gains
+from maglev_workbench.commands.sweep.figures import best_bands, gains_in_words, over_gains, shown_gains
 from maglev_workbench.goal_page import (
     BETWEEN,
     HEAD,
@@ -45,7 +45,7 @@ def best_rows(sets: SweptSets, count: int = 10) -> list[dict[str, Any]]:
     peak_sensitivity with _se, phase_margin (deg), gain_margin_low and _high, peak_displacement, current_rms; of a goal
     required_* with _low and _high; and where the lines hide a sharp resonance, between_lines_*.
     """
-    gains = [name for name in SHOWN if name in sets.gains]
+    gains = list(sets.shown)
     values = {name: sets[name] for name in (*sets.names, *gains, "experiment")}
     order = np.argsort(-np.where(values["feasible"], values["score"], -np.inf), kind="stable")
     direct = ("experiment", "score", "stiffness", "damping", "peak_sensitivity", "peak_sensitivity_se", "phase_margin",
@@ -132,7 +132,7 @@ def sweep_page(sets: SweptSets) -> str:
     sections: list[tuple[str, str | Figure]] = []
     if rows:
         best = dict(zip(_head(sets), _cells(sets, 0, rows[0]), strict=True))
-        gains = ", ".join(f"{g} {best[_column(g)]} {SHOWN[g][1]}".rstrip() for g in shown_gains(sets))
+        gains = ", ".join(f"{g} {best[_column(g, sets)]} {sets.shown[g][1]}".rstrip() for g in shown_gains(sets))
         summary = (
             f"{_counts(sets)}. Best: {gains} with score {best['score']}: stiffness {best[_HEAD[1]]} kN/m, damping "
             f"{best[_HEAD[2]]} N s/m, peak |S| {best[_HEAD[3]]}."
@@ -176,7 +176,7 @@ def sweep_page(sets: SweptSets) -> str:
                 note(f"{gains}: largest pole radius {radius:.4f}, {why}."),
             )
         )
-    return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(sets.attrs, rig))
+    return page(f"Gain sweep of {rig.get('name', 'a rig')}", summary, sections, _made_by(sets, rig))
 
 
 def _drawn(sets: SweptSets) -> SweptSets:
@@ -223,12 +223,12 @@ def _counts(sets: SweptSets) -> str:
     )
 
 
-def _column(gain: str) -> str:
-    return f"{gain.replace('_', ' ')}\n{SHOWN[gain][1]}"
+def _column(gain: str, sets: SweptSets) -> str:
+    return f"{gain.replace('_', ' ')}\n{sets.shown[gain][1]}"
 
 
 def _head(sets: SweptSets) -> tuple[str, ...]:
-    return ("", *map(_column, shown_gains(sets)), *_HEAD)
+    return ("", *(_column(gain, sets) for gain in shown_gains(sets)), *_HEAD)
 
 
 def _cells(sets: SweptSets, index: int, row: Mapping[str, Any]) -> list[str]:
@@ -238,7 +238,7 @@ def _cells(sets: SweptSets, index: int, row: Mapping[str, Any]) -> list[str]:
     half = np.nan if se is None else NORMAL_95 * se
     return [
         str(index + 1),
-        *(number(row["gains"][name] * SHOWN[name][0]) for name in shown_gains(sets)),
+        *(number(row["gains"][name] * sets.shown[name][0]) for name in shown_gains(sets)),
         number(row["score"]),
         with_interval(k and k / 1e3, k_low, k_high),
         with_interval(c, *row["damping_ci"]),
@@ -250,17 +250,19 @@ def _cells(sets: SweptSets, index: int, row: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _made_by(attrs: Mapping[str, Any], rig: Mapping[str, Any]) -> dict[str, object]:
+def _made_by(sets: SweptSets, rig: Mapping[str, Any]) -> dict[str, object]:
     axes = []
-    for name, axis in json.loads(attrs.get("axes", "{}")).items():
-        scale, unit = SHOWN[name]
+    for name, axis in json.loads(sets.attrs.get("axes", "{}")).items():
+        scale, unit = sets.shown[name]
         ends = f"{axis['low'] * scale:g} to {axis['high'] * scale:g} {unit}".rstrip()
         axes.append(f"{name} {ends}, {axis['points']} points")
-    spacing = "logarithmic" if attrs.get("log") == "true" else "linear"
-    sobol = attrs.get("sobol", "0")
+    spacing = "logarithmic" if sets.attrs.get("log") == "true" else "linear"
+    sobol = sets.attrs.get("sobol", "0")
     kind = f"{spacing} grid" if sobol == "0" else f"{sobol} Sobol points, {spacing}"
-    effects = effects_in_words(json.loads(attrs.get("effects", "{}")))
-    sensor = attrs.get("sensor", "probe").replace("_", "-")
+    effects = effects_in_words(json.loads(sets.attrs.get("effects", "{}")))
+    sensor = sets.attrs.get("sensor", "probe").replace("_", "-")
     known = {"Sensor": sensor, "Effects": effects, "Swept": f"{kind}: {'; '.join(axes)}"}
-    stated = {name.capitalize(): attrs[name] for name in ("seed", "device", "version", "identity") if name in attrs}
+    stated = {
+        name.capitalize(): sets.attrs[name] for name in ("seed", "device", "version", "identity") if name in sets.attrs
+    }
     return rig_facts(rig) | known | stated

@@ -7,7 +7,7 @@ import numpy as np
 
 from maglev_env.evaluation.goal_score import misses
 from maglev_env.loop.gain_card import stated_gains
-from maglev_env.loop.gains import NO_CONTROLLER, gain_values, of_axis, unit_of_gain
+from maglev_env.loop.gains import NO_CONTROLLER, gain_values, of_axis
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.gain_box import TOP
 from maglev_env.task.pump_goal import RotorGoalTask
@@ -25,8 +25,8 @@ FILTERS = ("td", "outer_td", "velocity_filter")  # of a derivative, which cost p
 def gains_in_words(task: Task | RotorGoalTask, point: np.ndarray) -> str:
     """The gains of a point of the box, in SI."""
     return ", ".join(
-        f"{n} = {digits(g)} {unit_of_gain(n)}".strip()
-        for n, g in zip(task.box.names, task.box.gains(point), strict=True)
+        f"{n} = {digits(g)} {unit}".strip()
+        for n, g, unit in zip(task.box.names, task.box.gains(point), task.box.units, strict=True)
     )
 
 

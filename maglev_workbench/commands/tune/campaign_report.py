@@ -59,7 +59,7 @@ def campaign_tables(advice: Advice) -> "Iterable[str | rich.table.Table]":
     from rich.table import Table
 
     blocks = (
-        ("What the recordings showed", ("recordings", *gain_heads(advice.task.box.names), *SHOWN), _set_rows(advice)),
+        ("What the recordings showed", ("recordings", *gain_heads(advice.task.box), *SHOWN), _set_rows(advice)),
         ("Identified rig", ("parameter", "identified", "nominal"), _rig_rows(advice)),
         ("Predicted at the gains to record", PREDICTED, _values_rows(advice, advice.prediction)),
         ("What the gains to keep reach", PREDICTED, _values_rows(advice, _kept(advice))),
@@ -84,7 +84,7 @@ def campaign_page(advice: Advice, block: str, made_by: dict[str, str], further: 
         sections.append(("Sensitivity of the loop", sensitivity_figure(advice)))
     if rows := _set_rows(advice):
         sections.append(
-            ("What the recordings showed", table(("recordings", *gain_heads(advice.task.box.names), *SHOWN), rows))
+            ("What the recordings showed", table(("recordings", *gain_heads(advice.task.box), *SHOWN), rows))
         )
     if rows := _rig_rows(advice):
         sections.append(("Identified rig", table(("parameter", "identified (95 %)", "nominal"), rows)))

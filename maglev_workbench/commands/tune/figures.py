@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maglev_env.loop.gains import unit_of_gain
 from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench.commands.tune.advised import gains_in_words
@@ -55,7 +54,10 @@ def where_figure(task: Task | RotorGoalTask, found: Outcome, advice: Recommendat
     from plotly.subplots import make_subplots
 
     names, gains, t = task.box.names, task.box.gains(found.trials.points), found.trials
-    text, titles = _hover(task, found), [f"{name}, {unit_of_gain(name)}".removesuffix(", ") for name in names]
+    text, titles = (
+        _hover(task, found),
+        [f"{name}, {unit}".removesuffix(", ") for name, unit in zip(task.box.names, task.box.units, strict=True)],
+    )
     pairs = [(a, b) for a in range(len(names)) for b in range(a + 1, len(names))] or [(0, 0)]
     columns = min(len(pairs), ABREAST)
     rows = -(-len(pairs) // columns)

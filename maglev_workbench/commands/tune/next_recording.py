@@ -19,7 +19,7 @@ _FORMATS = (".mat", ".csv", ".npz", ".h5", ".nc")
 def in_words(advice: Advice, gains: Gains) -> str:
     """The gains as text in SI; those that are tuned come first."""
     names = (*advice.task.box.names, *(n for n in asdict(gains) if n not in advice.task.box.names))
-    return ", ".join(f"{name} = {digits(getattr(gains, name))} {unit_of_gain(name)}".strip() for name in names)
+    return ", ".join(f"{name} = {digits(getattr(gains, name))} {unit_of_gain(name, names)}".strip() for name in names)
 
 
 def digits(value: float) -> str:

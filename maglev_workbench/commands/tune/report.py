@@ -12,6 +12,7 @@ from maglev_env.evaluation.goal_score import scale_in_words
 from maglev_env.loop.gains import unit_of_gain
 from maglev_env.recordings.formats.json_data import plain
 from maglev_env.rig.goal import Goal
+from maglev_env.task.gain_box import GainBox
 from maglev_env.task.pump_goal import RotorGoalTask
 from maglev_env.task.task import Task
 from maglev_workbench import goal_page
@@ -64,7 +65,9 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     others = "rigs within its tolerance" if task.rig.tolerance else "repetition (the rig states no [tolerance])"
     spread = NORMAL_95 * c.score_se
     noise = f"{spread:.1g}" if spread >= LEAST_SHOWN else f"less than {LEAST_SHOWN:g}"
-    kept = ", ".join(f"{n} = {digits(g)} {unit_of_gain(n)}".strip() for n, g in kept_gains(task).items())
+    left = kept_gains(task)
+    own = (*task.box.names, *left)
+    kept = ", ".join(f"{n} = {digits(g)} {unit_of_gain(n, own)}".strip() for n, g in left.items())
     text = (
         f"Take {gains_in_words(task, c.point)}{kept and f' (as before: {kept})'}: score {c.score:.3f} ± {noise} under "
         f"fresh noise on this rig, {low:.2f} .. {high:.2f} on {others}."
@@ -80,9 +83,9 @@ def summary(task: Task | RotorGoalTask, found: Outcome, advice: Recommendation) 
     return text + farther_in_words(task, c.point, bool(goal) and missed_on_rig(goal, c.required))
 
 
-def gain_heads(names: Sequence[str]) -> list[str]:
+def gain_heads(box: GainBox) -> list[str]:
     """Heads of columns of gains: the name, and its SI unit in a second line."""
-    return [f"{name}\n{unit_of_gain(name)}" for name in names]
+    return [f"{name}\n{unit}" for name, unit in zip(box.names, box.units, strict=True)]
 
 
 def tune_tables(
@@ -93,7 +96,7 @@ def tune_tables(
     from rich.table import Table
 
     goal, rows = task.layout.goal, _best_rows(task, found)
-    gain_names = gain_heads(task.box.names)
+    gain_names = gain_heads(task.box)
     head = (*gain_names, *(GOAL_HEAD if goal else HEAD)[1:])
     grid = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False, title=f"Best of {len(found.trials)}")
     for name in head:
@@ -129,7 +132,7 @@ def tune_page(
     sections = [
         ("Score of every experiment", course_figure(task, found)),
         ("Where it looked", where_figure(task, found, advice)),
-        ("Best experiments", table(("experiment", *gain_heads(task.box.names), *head[1:]), _best_rows(task, found))),
+        ("Best experiments", table(("experiment", *gain_heads(task.box), *head[1:]), _best_rows(task, found))),
         ("Refused", table(("gains", "why"), refused) if refused else note("Nothing was refused.")),
     ]
     if advice.chosen:

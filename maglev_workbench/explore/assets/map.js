@@ -3,7 +3,7 @@
 const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"];
 const HEIGHT = 270, EDGE = { left: 56, right: 8, top: 8, bottom: 40 };
 const NAMES = { score: "score", peak_sensitivity: "peak |S|", stiffness: "stiffness", damping: "damping" };
-const UNITS = { kp: "A/m", ki: "A/(m s)", kd: "A s/m", score: "", peak_sensitivity: "", stiffness: "N/m", damping: "N s/m" };
+const UNITS = { kp: "A/m", ki: "A/m", kd: "A s/m", score: "", peak_sensitivity: "", stiffness: "N/m", damping: "N s/m" };
 
 function colour(share) {
   const at = Math.min(1, Math.max(0, share)) * (VIRIDIS.length - 1), low = Math.min(Math.floor(at), VIRIDIS.length - 2);

@@ -48,7 +48,7 @@ def touching(dataset):
 def test_without_a_recording_it_starts_at_the_preset(tmp_path):
     (tmp_path / "campaign.toml").write_text(HEAD + 'rig = "hmb_free"\n')
     text = run("--campaign", tmp_path, "--json", tmp_path / "a.json")
-    assert "Record next kp = 8000 A/m, ki = 2000 A/(m s), kd = 5.2 A s/m" in text and "preset gains" in text
+    assert "Record next kp = 8000 A/m, ki = 2000 A/m, kd = 5.2 A s/m" in text and "preset gains" in text
     block = tomllib.loads((tmp_path / "tune" / "next.toml").read_text())["recording"][0]
     assert block["gains"]["kp"] == 8000.0 and block["file"] == "run1.mat" and len(block["excitation"]) == 2
     data = json.loads((tmp_path / "a.json").read_text())

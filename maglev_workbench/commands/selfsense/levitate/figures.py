@@ -7,9 +7,8 @@ import numpy as np
 
 from estimation.normal import NORMAL_95
 from maglev_env.evaluation.evaluation import Evaluation
-from maglev_env.loop.gains import of_axis
+from maglev_env.loop.gains import GAIN_CARDS, of_axis
 from maglev_workbench.commands.selfsense.levitate.experiments import SENSORS, Comparison, Curve, Piece
-from maglev_workbench.commands.sweep.figures import SHOWN
 from maglev_workbench.page import (
     COLOURS,
     INFEASIBLE,
@@ -130,7 +129,7 @@ def cost_map(c: Comparison) -> "Figure":
     both = probe.feasible & sensed.feasible
     only = np.where(probe.feasible & ~sensed.feasible, 1.0, np.nan)
     only[~probe.feasible & ~sensed.feasible] = 0.0
-    at = {name: c.gains[name] * SHOWN[name][0] for name in ("kp", "kd")}
+    at = {name: c.gains[name] * GAIN_CARDS[name].on_pages[0] for name in ("kp", "kd")}
     x, y = (_axis(c, name) for name in ("kp", "kd"))
     scales = []
     for (label, colours), cost in zip(_COSTS, costs, strict=True):
@@ -165,9 +164,9 @@ _HELD = (
 
 
 def _axis(c: Comparison, name: str) -> dict[str, Any]:
-    values = c.gains[name] * SHOWN[name][0]
+    values = c.gains[name] * GAIN_CARDS[name].on_pages[0]
     ends = _edges(values, c.log)[[0, -1]]
-    axis = labelled_axis(f"{name} in {SHOWN[name][1]}", values, c.log)
+    axis = labelled_axis(f"{name} in {GAIN_CARDS[name].on_pages[1]}", values, c.log)
     return axis | {"range": np.log10(ends) if c.log else ends}
 
 
@@ -191,7 +190,7 @@ def _border(c: Comparison, sensor: str, held: np.ndarray, showlegend: bool) -> "
     """The edges between cells (kp, kd) that a sensor holds and those that it does not."""
     from plotly.graph_objects import Scatter
 
-    x, y = (_edges(c.gains[name] * SHOWN[name][0], c.log) for name in ("kp", "kd"))
+    x, y = (_edges(c.gains[name] * GAIN_CARDS[name].on_pages[0], c.log) for name in ("kp", "kd"))
     xs: list[float] = []
     ys: list[float] = []
     for i, j in np.argwhere(held[1:] != held[:-1]):
@@ -209,7 +208,7 @@ def _preset(c: Comparison, showlegend: bool) -> "Scatter":
     from plotly.graph_objects import Scatter
 
     own = of_axis(c.rig.gains, 0)
-    at = {axis: [getattr(own, name) * SHOWN[name][0]] for axis, name in (("x", "kp"), ("y", "kd"))}
+    at = {axis: [getattr(own, name) * GAIN_CARDS[name].on_pages[0]] for axis, name in (("x", "kp"), ("y", "kd"))}
     marker = {"symbol": "star", "size": 14, "color": "white", "line": {"color": "black", "width": 1.5}}
     legend = {"name": "preset gains", "legendgroup": "preset", "showlegend": showlegend}
     return Scatter(**at, mode="markers", marker=marker, hoverinfo="skip", **legend)
