@@ -60,7 +60,7 @@ def coupled(view: View) -> list[Finding]:
         return _of_the_design(view, least)
     exact = [one for one in found if one[3].name != "displacement"]
     corner, se, name, relation = (exact or found)[0]
-    integral = _integral(view, relation) if name == "displacement" and relation.name == "command" else None
+    integral = _integral(view, relation) if relation.name == "command" else None
     if integral is not None and (integral.clearly or _unit_of_time(view, integral)):
         return [_integral_finding(view, integral)]
     if len({other for _, _, other, _ in exact}) > 1:
@@ -70,7 +70,7 @@ def coupled(view: View) -> list[Finding]:
         f"{relation.against}; record column {view.columns.get(name, name)!r} with its mean"
     )
     if integral is not None:
-        text += f", or correct {integral.gain}, which would be {integral.value:.4g}"
+        text += f", or correct {integral.gain}, which would be {integral.value:.4g}{_of_time(view, integral)}"
         name += " or gains"
     if not exact:
         text += f", or an effect ({', '.join(EFFECTS)}): run `maglev diagnose`"
@@ -120,10 +120,16 @@ def _integral_finding(view: View, found: _Integral) -> Finding:
     text = (
         f"gains: the command is what the stated controller makes of the displacement with {found.gain} = "
         f"{found.value:.4g} +- {2 * found.se:.1g} in place of {found.stated:g}{_unit_of_time(view, found)}; correct "
-        f"{found.gain}"
+        f"{found.gain}{_of_time(view, found)}"
     )
     return Finding("filter", view.recording, "gains", found.value,
                    (found.value - 2 * found.se, found.value + 2 * found.se), text, "wiring")  # fmt: skip
+
+
+def _of_time(view: View, found: _Integral) -> str:
+    """The integral gain behind one that multiplies a low-pass of unit gain: of both, lines far above tell no more."""
+    ti = gain_values(view.gains).get("ti") if view.gains is not None else None
+    return f" (ki / ti, the integral gain, is {found.value / ti:.4g} A/(m s))" if ti and found.gain == "ki" else ""
 
 
 def _unit_of_time(view: View, found: _Integral) -> str:

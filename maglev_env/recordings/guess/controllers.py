@@ -118,6 +118,8 @@ def _controller(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: flo
     how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
     to = f"the command is a PID of the displacement to {fit.residual:.2g} A rms"
     reason = f"{to}, within {how}" if fit.exact else f"{to}, {np.sqrt(fit.share):.1g} of its motion"
+    if g.ki:
+        reason += f"; its integral gain, ki / ti, is {g.ki / g.ti:.4g} A/(m s)"
     sure = SURE if fit.exact else LIKELY
     return gains, None, Guess("controller", gains, reason, sure, asked_of(gains), fit.share)
 

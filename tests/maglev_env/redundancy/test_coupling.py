@@ -1,5 +1,7 @@
 """AC coupling: the corner is recovered with its error and its channel, and noise has none."""
 
+import re
+
 import bench_loop
 import campaigns
 import numpy as np
@@ -63,6 +65,17 @@ def test_an_ac_coupled_column_of_a_recording_is_named(tmp_path):
         np.savez(folder / "base.npz", **(sound | {name: filtered}))
         found = next(f for f in examine(load_campaign(folder)) if f.code == code)
         assert found.channel == name and found.value == pytest.approx(2.0, rel=0.1) and repr(name) in found.message
+
+
+@pytest.mark.parametrize("factor", [10.0, 30.0])
+def test_an_integral_gain_that_is_too_large_is_no_ac_coupled_command(tmp_path, factor):
+    folder = campaigns.campaign(tmp_path, names=("base",))
+    text = (folder / "campaign.toml").read_text()
+    (stated,) = set(re.findall(r"ki = ([0-9.e+]+)", text))
+    (folder / "campaign.toml").write_text(text.replace(f"ki = {stated}", f"ki = {factor * float(stated)}"))
+    (said,) = [f for f in examine(load_campaign(folder)) if f.code == "filter"]
+    assert said.channel == "gains" and said.interval[0] < float(stated) < said.interval[1]
+    assert "the integral gain, is" in said.message
 
 
 def test_a_wrong_scale_beside_an_ac_coupled_column_is_named_too(tmp_path):
