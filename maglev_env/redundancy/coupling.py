@@ -22,6 +22,7 @@ EXPLAINS = 0.5  # share of the misfit beyond noise that the corner must explain
 PARTS, SLOW, FAST = 24, 0.2, 0.005  # of a record; shares of the command's slow parts, and of all of it
 EFFECTS = ("friction", "hysteresis", "eddy_current")
 LEAST = 8  # lines
+NOISE = 3.0  # times what chance leaves of noise alone, a line
 INTEGRALS, PER_SAMPLE = ("ki", "integral", "outer_ki"), 0.05  # gains by name; of the control rate
 _ONE_INTEGRAL = (Gains, Pid, StateFeedback)  # controllers of which a constant error makes a ramp at most
 
@@ -51,12 +52,16 @@ def coupled(view: View) -> list[Finding]:
     if lines.frequency.size < LEAST:
         return []
     least, found = SEEN * float(lines.frequency.min()), []
-    for relation in (_controller(view), _amplifier(view), _plant(view)):
+    of_command = _controller(view)
+    for relation in (of_command, _amplifier(view), _plant(view)):
         if relation is not None:
             corner, se, name = _corner(lines.frequency, relation)
             if name and corner > max(LEVEL * se, least):
                 found.append((corner, se, name, relation))
-    if not found:
+    if not found:  # an integral gain that is far too large bends the command otherwise than any high-pass
+        integral = _integral(view, of_command) if of_command is not None else None
+        if integral is not None and integral.clearly and integral.all:
+            return [_integral_finding(view, integral)]
         return _of_the_design(view, least)
     exact = [one for one in found if one[3].name != "displacement"]
     corner, se, name, relation = (exact or found)[0]
@@ -82,7 +87,7 @@ def coupled(view: View) -> list[Finding]:
 class _Integral:
     """An integral gain that explains what a high-pass does: its name, stated and found value, and its error.
 
-    `clearly`: better than any high-pass.
+    `clearly`: better than any high-pass. `all`: it leaves noise alone.
     """
 
     gain: str
@@ -90,6 +95,7 @@ class _Integral:
     value: float
     se: float
     clearly: bool
+    all: bool
 
 
 def _integral(view: View, relation: Relation) -> _Integral | None:
@@ -113,7 +119,7 @@ def _integral(view: View, relation: Relation) -> _Integral | None:
     size, se = _of_gain(found[-1], se, found[2 * list(relation.made).index("displacement")])
     if left > coupled_left + LEVEL**2 or abs(size) < LEVEL * se:
         return None
-    return _Integral(gain, stated, stated + size, se, left < coupled_left - LEVEL**2)
+    return _Integral(gain, stated, stated + size, se, left < coupled_left - LEVEL**2, left < NOISE * weight.size)
 
 
 def _integral_finding(view: View, found: _Integral) -> Finding:
