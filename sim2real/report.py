@@ -18,6 +18,7 @@ from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
 BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is said
+MOSTLY = 0.9  # of a gap: what closes as much, surely, is worth a word although something else is left
 NO_SHARE = "too near to the noise for a share that is closed"  # of a gap whose sizes before and after are known
 
 
@@ -95,12 +96,12 @@ def sentence(diagnosis: Diagnosis) -> str:
         return (
             f"{none} (unknown: {percent(unknown)}); best partial "
             f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
-            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}."
+            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}."
         )
     if diagnosis.verdict == "unexplained":
         return (
             f"{none} (unknown: {percent(unknown)}); most of it lies "
-            f"in {_blocks(_largest(diagnosis.where.blocks))}{_highest_band(diagnosis.where)}."
+            f"in {_blocks(_largest(diagnosis.where.blocks))}{_highest_band(diagnosis.where)}{_refitted(diagnosis)}."
         )
     if diagnosis.verdict == "ambiguous":
         rows = [e for e in named(diagnosis) if "+".join(e.effects) in diagnosis.cause]
@@ -156,6 +157,16 @@ def _besides(diagnosis: Diagnosis) -> str:
     far = _far(diagnosis)
     lags = f"; in all, {' and '.join(found)}" if (found := _whole_lags(diagnosis)) else ""
     return lags + (f"; besides, the rig is not as stated: {', '.join(far)}" if far else "")
+
+
+def _refitted(diagnosis: Diagnosis) -> str:
+    """What stated parameters close of a gap that no effect explains, where they have to be far from what is stated: a
+    wrong data sheet beside a little of something else; as the end of a sentence."""
+    closed, far = diagnosis.gap.closed_fraction_ci, _far(diagnosis)
+    if diagnosis.corrected.effects or not far or closed is None or closed[0] < MOSTLY:
+        return ""
+    told = f"closes {percent(diagnosis.gap.closed_fraction)} of the gap"
+    return f"; but the same rig with other parameters {told}, so first check {', '.join(far)}"
 
 
 def _whole_lags(diagnosis: Diagnosis) -> list[str]:

@@ -161,6 +161,12 @@ def test_every_verdict_has_its_sentence():
         "No known effect explains the gap (unknown: 80 %); most of it lies in the controller and the amplifier, around "
         "63 .. 80 Hz."
     )
+    for surely, said in ((0.95, True), (0.5, False)):  # a wrong data sheet beside a little of something else
+        wrong = replace(unknown, corrected=far.corrected, gap=replace(far.gap, closed_fraction_ci=(surely, 1.0)))
+        told = (
+            "; but the same rig with other parameters closes 98 % of the gap, so first check actuator_gain +20 %, 4 tol"
+        )
+        assert (told in sentence(wrong)) == said
     which = (entry("delay", 0.5), entry("amplifier_lag", 0.3), entry("eddy_current", 0.15), entry("mass", 0.05))
     alike = diagnosis(NAMED, verdict="ambiguous", cause=("delay", "amplifier_lag", "eddy_current"), which=which)
     assert sentence(alike) == (
