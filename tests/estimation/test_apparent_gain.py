@@ -8,7 +8,7 @@ import pytest
 from drawn_spectra import draw, record, two_channels
 
 from estimation.actuator import actuator_estimate, as_force
-from estimation.apparent_gain import edges, periodic_gain
+from estimation.apparent_gain import TOLD, edges, periodic_gain, tells
 
 F = np.arange(2.0, 121.0, 2.0)
 W = 2 * np.pi * F
@@ -199,3 +199,15 @@ def test_the_scatter_is_what_the_gains_of_bands_differ_beyond_their_errors():
     uneven = spectra(GAIN * (1 + 0.02 * np.sin(4 * np.log(F))), noise=0.1)
     of_many = [found.scatter for found in found_of(draw(uneven, 20, seed=46), 20)]
     assert np.mean(of_many) == pytest.approx(0.02 / 2**0.5, rel=0.4)
+    # Of equal errors it is what the variance of the bands has beyond theirs, relative to their mean.
+    some = next(iter(found_of(draw(spectra(GAIN, noise=1.0), 1, seed=45), 1)))
+    gains, se = np.array([1.0, 1.3, 0.8, 1.1, 1.4]), 0.1
+    bands = tuple(replace(some.bands[0], gain=complex(g), own_se=se) for g in gains)
+    assert replace(some, bands=bands).scatter == pytest.approx(np.sqrt(gains.var(ddof=1) - se**2) / gains.mean())
+
+
+def test_a_small_gain_is_told_as_well_as_its_size_and_a_large_one_as_well_as_the_common_one():
+    none = np.zeros(1)
+    for factor, size in ((0.4, 0.4), (3.0, 1.0)):
+        for times, told in ((0.98, True), (1.02, False)):
+            assert tells((times * TOLD * size) ** 2, factor, none) == told

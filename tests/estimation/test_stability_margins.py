@@ -175,6 +175,18 @@ def test_a_variance_of_few_periods_widens_the_interval_as_student_says():
         assert wider == pytest.approx(scipy.stats.t.ppf(0.975, 8) / scipy.stats.norm.ppf(0.975), rel=0.1), name
 
 
+@pytest.mark.parametrize("gains", [{}, {"kd": 3.2, "delay": 5e-5}])
+def test_an_interval_is_as_wide_as_readings_scatter(gains):
+    """Peaks of 3 and of 7: noise of S is noise of the loop gain over |S| squared."""
+    clean = sensitivity(LINES, **gains)
+    variance = (0.01 * np.abs(clean)) ** 2
+    ends = margins(LINES, clean, variance, draws=1500).intervals
+    many = margin_arrays(LINES, noisy(np.random.default_rng(1), clean, variance, (400,)))
+    for name in ("peak_sensitivity", "disk_margin", "phase_margin"):
+        width = np.log(ends[name][1] / ends[name][0]) / (2 * scipy.stats.norm.ppf(0.975))
+        assert width == pytest.approx(np.log(many[name]).std(), rel=0.15), name
+
+
 def test_the_ends_leave_one_fortieth_outside_however_few_the_draws_are():
     """Of 39 draws and one that is to come, each is the smallest with a probability of one fortieth."""
     assert _quantiles(np.arange(1.0, 40.0)) == pytest.approx((1.0, 39.0))

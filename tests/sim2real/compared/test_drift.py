@@ -173,12 +173,13 @@ def test_trends_of_noise_scatter_as_they_are_said_to(tmp_path, monkeypatch):
     """What all trends weigh beyond their expectation, of trends twice as powerful as their noise."""
     (part,), rng, found = problem(tmp_path, seeds=(0,)).parts, np.random.default_rng(9), []
     slopes, variance = drift_module.trends(part.record, part)
-    for _ in range(60):
+    for _ in range(200):
         drawn = rng.standard_normal(slopes.shape) + 1j * rng.standard_normal(slopes.shape)
         monkeypatch.setattr(drift_module, "trends", lambda *_, drawn=drawn: (drawn * np.sqrt(variance), variance))
-        found.append(_slope(part, NOMINAL)[2:])
-    beyond, scatter = np.array(found).T
-    assert beyond.std() / 2 == pytest.approx(scatter[0], rel=0.25)
+        found.append(_slope(part, NOMINAL))
+    rate, error, beyond, scatter = np.array(found).T
+    assert beyond.std() / 2 == pytest.approx(scatter[0], rel=0.2)
+    assert rate.std() / 2**0.5 == pytest.approx(error[0], rel=0.12)
 
 
 def test_the_derivative_by_the_gain_is_that_at_a_gain_within_its_tolerance(tmp_path):
