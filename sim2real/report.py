@@ -18,6 +18,7 @@ from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
 BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is said
+MAY_BE = 0.1  # a probability that is worth a word beside "no gap"
 MOSTLY = 0.9  # of a gap: what closes as much, surely, is worth a word although something else is left
 NO_SHARE = "too near to the noise for a share that is closed"  # of a gap whose sizes before and after are known
 
@@ -83,10 +84,11 @@ def sentence(diagnosis: Diagnosis) -> str:
     probability = {e.effects: e.probability for e in diagnosis.which}
     if diagnosis.verdict == "no_gap":
         sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)
+        within = f"({percent(sure)}{_not_excluded(diagnosis)})"
         if far := _far(diagnosis):
             stated = f"but the rig is not as stated: {', '.join(far)}"
-            return f"No effect is needed ({percent(sure)}), {stated}{_loud(diagnosis)}."
-        clear = f"There is no gap beyond the noise and the rig's stated tolerances ({percent(sure)})"
+            return f"No effect is needed {within}, {stated}{_loud(diagnosis)}."
+        clear = f"There is no gap beyond the noise and the rig's stated tolerances {within}"
         return f"{clear}{_from_current(diagnosis)}{_off_balance(diagnosis)}{_loud(diagnosis)}."
     left, unknown = diagnosis.leftover, probability.get((UNKNOWN,), 0.0)
     # Where the holdout refutes what is most probable, an unknown cause need not have become that.
@@ -121,6 +123,15 @@ def sentence(diagnosis: Diagnosis) -> str:
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}{beside}), in "
         f"{_blocks(block_of('+'.join(top.effects)))}; {values}{closes}{_besides(diagnosis)}."
     )
+
+
+def _not_excluded(diagnosis: Diagnosis) -> str:
+    """What may act although nothing is named, as the rest of a bracket: hypotheses as probable as one in ten."""
+    known = {(NONE,), (CALIBRATION,)}
+    may = [e for e in diagnosis.which if e.effects not in known and e.probability >= MAY_BE]
+    names = ["an unknown effect" if e.effects == (UNKNOWN,) else _and(e.effects) for e in may]
+    said = [f"{name} {percent(e.probability)}" for name, e in zip(names, may, strict=True)]
+    return f"; not excluded: {', '.join(said)}" if said else ""
 
 
 def _from_current(diagnosis: Diagnosis) -> str:

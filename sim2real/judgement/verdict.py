@@ -6,6 +6,10 @@ from sim2real.judgement.judge import Entry
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 
 CLASS_SHARE = 0.15  # hypotheses with at least this share of the best one's probability are not distinguished from it
+# What is named sends somebody to look for it. In 842 simulated campaigns, naming only what is more than three times as
+# probable as that nothing acts left 5 of 153 false alarms where there had been 10; 27 of 689 effects pass for none, 23
+# did.
+SURER = 3.0
 
 
 def with_effects(found: Sequence[Entry]) -> list[Entry]:
@@ -17,7 +21,7 @@ def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
     """The verdict and the cause; in a class of alternatives a pair is written "a+b".
 
     Effects that are many and improbable each are no reason to name one of them: what is named must be more probable,
-    with what is not distinguished from it, than that nothing acts.
+    with what is not distinguished from it, than that nothing acts, and clearly so.
 
     Returns:
         verdict: "no_gap", "explained", "ambiguous" or "unexplained".
@@ -27,7 +31,7 @@ def verdict(found: Sequence[Entry]) -> tuple[str, tuple[str, ...]]:
     named = with_effects(found)
     effects = sum(e.probability for e in named)
     alike = alternatives(named)
-    if mass[NONE] + mass[CALIBRATION] >= max(sum(e.probability for e in alike), mass[UNKNOWN]):
+    if SURER * (mass[NONE] + mass[CALIBRATION]) >= max(sum(e.probability for e in alike), mass[UNKNOWN]):
         return "no_gap", ()
     if mass[UNKNOWN] >= effects or not named:
         return "unexplained", (UNKNOWN,)

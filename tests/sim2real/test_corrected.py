@@ -146,6 +146,8 @@ def entry(name, probability):
 def test_every_verdict_has_its_sentence():
     none = diagnosis(Point({}, {}), verdict="no_gap", cause=(), which=(entry("none", 0.7), entry("calibration", 0.25)))
     assert sentence(none) == "There is no gap beyond the noise and the rig's stated tolerances (95 %)."
+    doubted = replace(none, which=(entry("calibration", 0.4), entry("delay", 0.35), entry("unknown", 0.2)))
+    assert "tolerances (40 %; not excluded: delay 35 %, an unknown effect 20 %)." in sentence(doubted)
     said = sentence(replace(none, loud={"chirp.csv": 2.66}))
     assert "; but what passes for noise is 2.7 times as loud as the noise that the rig states, and no rec" in said
     leaning = replace(none, off_balance="the mean command is 0.09 A below what carries the weight")

@@ -16,7 +16,8 @@ def entries(calibration, unknown):
 
 
 @pytest.mark.parametrize(
-    ("calibration", "unknown", "verdict"), [(0.3, 0.1, "no_gap"), (0.1, 0.3, "unexplained"), (0.0, 0.4, "unexplained")]
+    ("calibration", "unknown", "verdict"),
+    [(0.3, 0.1, "no_gap"), (0.05, 0.35, "unexplained"), (0.0, 0.4, "unexplained")],
 )
 def test_what_is_left_decides(monkeypatch, calibration, unknown, verdict):
     """Where calibration is then the most probable, nothing is missing."""
