@@ -1,6 +1,6 @@
 """A campaign: a folder of recordings described by campaign.toml, with the nominal rig they were made on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
@@ -55,6 +55,8 @@ class RecordingSpec:
             it is not stated, see `signals.recorded_signals`.
         layout: What is stated of how a text file is written; None: nothing.
         stated_peaks: Places of the excitations whose amplitude is stated.
+        name: What findings and results call it: its file, and where several are taken of one file, what tells them
+            apart. No two recordings of a campaign have the same.
     """
 
     file: str
@@ -70,6 +72,11 @@ class RecordingSpec:
     intersample: Literal["bl", "zoh"] | None = None
     layout: TextLayout | None = None
     stated_peaks: frozenset[str] = frozenset()
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.file)
 
     @property
     def samples_per_period(self) -> int | None:
@@ -149,7 +156,8 @@ def parse_campaign(folder: Path, data: Mapping[str, Any]) -> Campaign:
     tables = data.get("recording", [])
     if not isinstance(tables, list) or not tables:
         raise ValueError("there is no [[recording]]; give at least one")
-    return Campaign(folder, rig, mass, tuple(_recording(folder, table, i) for i, table in enumerate(tables, 1)))
+    specs = [_recording(folder, table, number) for number, table in enumerate(tables, 1)]
+    return Campaign(folder, rig, mass, _named_apart(specs))
 
 
 def campaign_rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple[Rig | None, float | None]:
@@ -173,6 +181,20 @@ def campaign_rig(folder: Path, source: Any, parameters: dict[str, Any]) -> tuple
     rig = load_rig(source if source in PRESETS or not source.endswith(".toml") else folder / source)
     rig = with_parameters(rig, parameters)
     return rig, rig.mass
+
+
+def _named_apart(specs: Sequence[RecordingSpec]) -> tuple[RecordingSpec, ...]:
+    """The recordings of a campaign, in order, those that share a file with names of their own."""
+    files, starts = [spec.file for spec in specs], [(spec.file, spec.start) for spec in specs]
+    found = []
+    for number, spec in enumerate(specs, 1):
+        name = spec.file
+        if files.count(spec.file) > 1:
+            name += f" from sample {spec.start}"
+        if starts.count((spec.file, spec.start)) > 1:  # of other columns, or of another length
+            name += f" (recording {number})"
+        found.append(replace(spec, name=name))
+    return tuple(found)
 
 
 def _recording(folder: Path, table: Any, number: int) -> RecordingSpec:

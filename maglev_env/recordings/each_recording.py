@@ -33,7 +33,7 @@ def each_recording(
         try:
             found.append(read(spec))
         except TellsNothing as nothing:
-            left.append(LeftOut(spec.file, nothing.reason, nothing.instead))
+            left.append(LeftOut(spec.name, nothing.reason, nothing.instead))
         else:
             kept.append(spec)
     check_left(campaign, left, bool(kept))

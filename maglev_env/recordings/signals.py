@@ -41,7 +41,7 @@ def recorded_signals(
         TellsNothing: Nothing is excited.
         ValueError: The rates of a held force do not fit.
     """
-    where = campaign.folder / spec.file
+    where = campaign.folder / spec.name
     if excited and all(e.kind == "none" for e in spec.excitations):
         raise TellsNothing("no excitation is stated", "stiffness and damping need one", where)
     masked = masked_samples(dataset)
@@ -126,7 +126,7 @@ def _hold(campaign: Campaign, spec: RecordingSpec) -> tuple[float | None, list[s
             rate = max(rate, campaign.rig.control_rate)
         except ValueError as error:
             if spec.intersample == "zoh":
-                raise ValueError(f"{campaign.folder / spec.file}: {error}; the held force needs that") from None
+                raise ValueError(f"{campaign.folder / spec.name}: {error}; the held force needs that") from None
             designed = False
     if spec.intersample == "zoh":
         return rate, []

@@ -39,7 +39,7 @@ def other_clocks(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
             "their clocks"
         )
         kind = "contradiction" if samples >= 1 else "wiring"
-        found.append(Finding("clock", spec.file, channel, distance, None, text, kind))
+        found.append(Finding("clock", spec.name, channel, distance, None, text, kind))
     return found
 
 

@@ -49,5 +49,5 @@ def ohm(campaign: Campaign, spec: RecordingSpec, channels: Mapping[str, np.ndarr
             f"{shown / stated:.3g} times coil_resistance ({stated:g} ohm); check coil_resistance, and the "
             f"scales of columns {columns}"
         )
-        found.append(Finding("resistance", spec.file, f"{name} or {of}", shown / stated, None, text, "wiring"))
+        found.append(Finding("resistance", spec.name, f"{name} or {of}", shown / stated, None, text, "wiring"))
     return found

@@ -17,7 +17,7 @@ def reversed_columns(spec: RecordingSpec, agrees: Callable[[RecordingSpec, tuple
     for channel, text, changed in _changes(spec):
         if agrees(changed, tuple(channel.split(" or "))):
             text += ": the other way round every comparison agrees; correct [recording.channels]"
-            return [Finding("sign", spec.file, channel, -1.0, None, text, "contradiction")]
+            return [Finding("sign", spec.name, channel, -1.0, None, text, "contradiction")]
     return []
 
 

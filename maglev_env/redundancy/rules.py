@@ -98,7 +98,7 @@ def examine_recording(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
     """The findings of one recording: its alarms, then those of the rules."""
     dataset = read_recording(campaign, spec, alarmed=True, unexcited=True)
     alarms = [
-        Finding(a.code, spec.file, a.channel, a.time, None, a.sentence,
+        Finding(a.code, spec.name, a.channel, a.time, None, a.sentence,
                 "contradiction" if a.severity == "refuse" else "quality")
         for a in alarms_of(dataset)
     ]  # fmt: skip
@@ -208,7 +208,7 @@ def _views(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignals) ->
         if rig is not None and mass is not None:  # a given mass replaces the common one; an axis' own keeps its ratio
             rig = with_parameters(rig, {"mass": mass * rig.mass / campaign.rig.mass})
             mass = rig.mass
-        name = spec.file if not suffix else f"{spec.file}, {AXES[which]}"
+        name = spec.name if not suffix else f"{spec.name}, {AXES[which]}"
         views.append(
             View(
                 name, own.sample_rate, own.channels, frozenset(recorded) & frozenset(own.channels),
@@ -260,7 +260,7 @@ def _swapped(campaign: Campaign, spec: RecordingSpec, views: Sequence[View], ali
         f"{one} and {other}: columns {_column(spec, one)!r} and {_column(spec, other)!r} are exchanged: the other way "
         f"round every comparison agrees{' but for what an effect may do' if left else ''}; correct [recording.channels]"
     )
-    return [Finding("swapped", spec.file, f"{one} or {other}", None, None, text, "contradiction")]
+    return [Finding("swapped", spec.name, f"{one} or {other}", None, None, text, "contradiction")]
 
 
 def _column(spec: RecordingSpec, name: str) -> str:
@@ -286,7 +286,7 @@ def _other_rate(campaign: Campaign, spec: RecordingSpec, signals: RecordedSignal
         f"time: the channels agree at the control rate of {rig.control_rate:g} Hz; check sample_rate = "
         f"{signals.sample_rate:g} Hz and the unit of the time"
     )
-    return [Finding("rate", spec.file, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
+    return [Finding("rate", spec.name, "time", signals.sample_rate / rig.control_rate, None, text, "contradiction")]
 
 
 def _as_many(rows: Iterable[Row], before: Iterable[Row]) -> bool:

@@ -77,7 +77,7 @@ def turned(spec: RecordingSpec, views: Sequence[View]) -> list[Finding]:
             "not checkable here: whether the axes of the probes are those of the coils; probes that are turned look "
             "like another actuator gain and a stiffness across the axes; record the commands, and state the gains"
         )
-        return [Finding("coverage", spec.file, "axes", None, None, text, "not checkable")]
+        return [Finding("coverage", spec.name, "axes", None, None, text, "not checkable")]
     excited = [lines_at(axis_excitations(spec.excitations, axis)) for axis in range(2)]
     found = (_exactly(views) if source == "command" else None) or _by_shares(views, source, excited)
     if found is None or found.exchanged:
@@ -95,7 +95,7 @@ def turned(spec: RecordingSpec, views: Sequence[View]) -> list[Finding]:
     )
     value = float(cross.max()) if angle is None else angle
     kind: Kind = "contradiction" if source == "command" else "wiring"
-    return [Finding("turned", spec.file, "displacement_x or displacement_y", value, None, text, kind)]
+    return [Finding("turned", spec.name, "displacement_x or displacement_y", value, None, text, kind)]
 
 
 def _applies(view: View) -> bool:

@@ -34,5 +34,5 @@ def unscaled(campaign: Campaign, spec: RecordingSpec) -> list[Finding]:
             f"{name}: column {column!r} is in {unit.text}, and no scale is stated for it{taken}; state scale, "
             f"{wanted} per {unit.text}, in [recording.channels]"
         )
-        found.append(Finding("unit", spec.file, name, None, None, text, "contradiction" if beyond else "wiring"))
+        found.append(Finding("unit", spec.name, name, None, None, text, "contradiction" if beyond else "wiring"))
     return found

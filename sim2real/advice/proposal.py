@@ -37,7 +37,7 @@ class Proposal:
         expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it separates least, together
             with the proposals before it; None where it is not computed, as of a slower rotation.
         change: See `Choice`.
-        of: File of the recording that it repeats; empty where any will do.
+        of: Name of the recording that it repeats; empty where any will do.
     """
 
     what: str

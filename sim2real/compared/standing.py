@@ -50,7 +50,7 @@ def standing(
     kept = tuple(r for r in records if r.name not in names)
     if not names or not any(r.role == "fit" for r in kept):
         return campaign, tuple(records)
-    specs = tuple(spec for spec in campaign.recordings if spec.file not in names)
+    specs = tuple(spec for spec in campaign.recordings if spec.name not in names)
     return replace(campaign, recordings=specs, left_out=(*campaign.left_out, *left)), kept
 
 

@@ -73,7 +73,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         TellsNothing: nothing can be compared with it.
         ValueError: a comparison with it lacks something; the message says what.
     """
-    where, rig = campaign.folder / spec.file, campaign.rig
+    where, rig = campaign.folder / spec.name, campaign.rig
     if rig is None:
         raise ValueError(f"{where}: the campaign names no rig to compare with")
     rests = rests_of(rig, spec, dataset)
@@ -148,7 +148,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     looked = slice(stretch.settling + lead, stretch.settling + lead + stretch.windows.samples)
     shown = ("displacement",) if drive.source == "current" else ("displacement", "current")
     record = OpenRecord(
-        spec.file,
+        spec.name,
         spec.role,
         rig,
         drive.experiment,

@@ -151,7 +151,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         return replace(found, notes=(WITHOUT_PERIOD, *found.notes))
     if _under_voltage(campaign.rig, {name.partition("_")[0] for name in spec.channels}):
         return open_record(campaign, spec, dataset)  # driven by the voltage as it was measured, whatever the controller
-    where = campaign.folder / spec.file
+    where = campaign.folder / spec.name
     signals = recorded_signals(campaign, spec, dataset)
     rig, axes = campaign.rig, campaign.rig.axes
     if signals.axes != axes:
@@ -210,7 +210,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
     start = dropped / e.fundamental
     return Record(
-        spec.file,
+        spec.name,
         spec.role,
         rig,
         e,

@@ -59,18 +59,18 @@ def _gains(campaign: Campaign, spec: RecordingSpec) -> Gains:
     raise TellsNothing(
         what,
         "tuning needs the PID gains it was recorded at: gains = { kp = ..., ki = ..., kd = ..., td = ..., ti = ... }",
-        campaign.folder / spec.file,
+        campaign.folder / spec.name,
     )
 
 
 def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
-    where, rig = campaign.folder / spec.file, campaign.rig
+    where, rig = campaign.folder / spec.name, campaign.rig
     try:
         dataset = read_recording(campaign, spec)
     except TellsNothing as nothing:
         alarm = nothing.alarm
         if alarm and alarm.code in CAUSED and alarm.channel.partition("_")[0] in MOVED:
-            return failed_set(gains, spec.file, alarm.sentence)
+            return failed_set(gains, spec.name, alarm.sentence)
         raise
     signals = _at_control_rate(recorded_signals(campaign, spec, dataset, excited=False), rig)
     if "displacement" not in signals.channels:
@@ -78,13 +78,13 @@ def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
     moved = signals.channels["displacement"]
     if (reach := float(np.abs(moved).max())) >= TOUCHED * rig.clearance:
         share = f"{reach / rig.clearance:.0%} of the clearance"
-        return failed_set(gains, spec.file, f"touchdown: the displacement reaches {share} (or its scale is wrong)")
+        return failed_set(gains, spec.name, f"touchdown: the displacement reaches {share} (or its scale is wrong)")
     if not signals.periodic:
-        return open_set(signals, dataset, rig, gains, spec.file)
+        return open_set(signals, dataset, rig, gains, spec.name)
     if why := _swings(signals, rig):
-        return failed_set(gains, spec.file, why)
+        return failed_set(gains, spec.name, why)
     try:
-        return identified(signals, rig, gains, spec.file)
+        return identified(signals, rig, gains, spec.name)
     except TellsNothing:
         raise
     except ValueError as error:

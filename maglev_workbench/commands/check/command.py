@@ -75,29 +75,29 @@ def check(
         dataset = read_recording(loaded, spec, alarmed=True)
         alarms = alarms_of(dataset)
         alarmed += bool(alarms)
-        refused = next((f.message for f in refusals(findings) if is_of(f.recording, spec.file)), "")
-        used.append((spec.file, uses(loaded, spec, alarms, refused)))
+        refused = next((f.message for f in refusals(findings) if is_of(f.recording, spec.name)), "")
+        used.append((spec.name, uses(loaded, spec, alarms, refused)))
         whole, cut = without_gaps(loaded, spec, dataset)
         if cut is not dataset:
-            said.append(f"{spec.file}: levels and noise are those of the longest stretch, {whole.start} .. "
+            said.append(f"{spec.name}: levels and noise are those of the longest stretch, {whole.start} .. "
                         f"{whole.start + (whole.samples or 0)}")  # fmt: skip
         signals = recorded_signals(loaded, whole, cut, excited=False)
         for axis in range(signals.axes):
             own = axis_signals(signals, axis)
-            name = spec.file if signals.axes == 1 else f"{spec.file}, {AXES[axis]}"
+            name = spec.name if signals.axes == 1 else f"{spec.name}, {AXES[axis]}"
             if not own.excitations and any(e.kind != "none" for e in spec.excitations):
                 said.append(f"{name}: nothing is excited along this axis")
                 continue
             rig = loaded.rig if loaded.rig is None or own.axis is None else axis_rig(loaded.rig, own.axis)
-            quality = spoiled(recording_quality(own, rig, alarms=alarms), (spec.file, name), warnings)
+            quality = spoiled(recording_quality(own, rig, alarms=alarms), (spec.name, name), warnings)
             found.append((name, quality))
             said += quality_tables(name, quality)
             said += [marked("  !", problem) for problem in quality.problems]
             warnings += [problem_data(name, problem) for problem in quality.problems]
-        notes += [(spec.file, note) for note in signals.assumed]
-        datasets.append((spec.file, dataset))
+        notes += [(spec.name, note) for note in signals.assumed]
+        datasets.append((spec.name, dataset))
     named = [f.recording for f in refusing(findings)]
-    blocking = [spec.file for spec in loaded.recordings if any(is_of(name, spec.file) for name in named)]
+    blocking = [spec.name for spec in loaded.recordings if any(is_of(name, spec.name) for name in named)]
     answer = check_answer(used, alarmed, blocking)
     console.print(answer, style="bold")
     shown(findings)

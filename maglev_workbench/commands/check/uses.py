@@ -88,7 +88,7 @@ def _asked(
 def _plain(error: ValueError, campaign: Campaign, spec: RecordingSpec) -> str:
     """A command's message without the file, which stands beside it."""
     text = str(error)
-    for where in (campaign.folder / spec.file, campaign.folder / "campaign.toml"):
+    for where in (campaign.folder / spec.file, campaign.folder / spec.name, campaign.folder / "campaign.toml"):
         text = text.removeprefix(f"{where}: ")
     return text
 

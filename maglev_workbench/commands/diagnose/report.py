@@ -162,7 +162,7 @@ def _list(lines: Sequence[str]) -> str:
 
 
 def _made_by(d: Diagnosis) -> dict[str, object]:
-    recorded = {role: ", ".join(r.file for r in d.campaign.recordings if r.role == role) for role in ("fit", "holdout")}
+    recorded = {role: ", ".join(r.name for r in d.campaign.recordings if r.role == role) for role in ("fit", "holdout")}
     return {
         "Campaign": d.campaign.folder,
         "Nominal rig": d.campaign.rig.name,

@@ -117,7 +117,7 @@ def estimate(
     found = replace(found, axes=axes)
     rig = f"{campaign.rig.name}, {campaign.mass:g} kg" if campaign.rig else "not given"
     unused = {one.recording for one in found.left_out}
-    recordings = ", ".join(spec.file for spec in campaign.recordings if spec.file not in unused)
+    recordings = ", ".join(spec.name for spec in campaign.recordings if spec.name not in unused)
     made_by = {"Recordings": recordings, "Rig": rig, "Campaign": str(campaign.folder)}
     answer = estimate_answer(found.axes, found.pooled, found.linear, campaign.rig)
     more = [planar_sections(*both) for both in found.planar]

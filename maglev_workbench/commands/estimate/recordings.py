@@ -79,23 +79,23 @@ def identify_campaign(
 
     def identified(spec: RecordingSpec) -> None:
         if campaign.rig is not None and all(e.kind == "none" for e in spec.excitations):
-            found.open.append(spec.file)
+            found.open.append(spec.name)
             return
         if any(e.kind == "recorded" for e in spec.excitations):
-            found.aperiodic.append(spec.file)
+            found.aperiodic.append(spec.name)
         signals = recorded_signals(campaign, spec, read_recording(campaign, spec))
         try:
             found.axes.extend(_axes(spec, signals, campaign, estimate_mass, band_width, band_overlap))
         except ValueError as error:
             if estimate_mass:
-                raise ValueError(f"{campaign.folder / spec.file}: {error}") from error
-            why[spec.file] = str(error)
+                raise ValueError(f"{campaign.folder / spec.name}: {error}") from error
+            why[spec.name] = str(error)
             if campaign.rig is not None:
-                found.open.append(spec.file)  # of a named rig the simulation may still tell what a response does not
+                found.open.append(spec.name)  # of a named rig the simulation may still tell what a response does not
             return
         forced = any(e.at == "force" for e in signals.excitations)
         if signals.axes == 2 and forced and spec.role == "fit" and campaign.mass is not None:
-            loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.file, signals))
+            loops.setdefault((spec.gains, spec.speed_rpm), []).append((spec.name, signals))
 
     told, _ = each_recording(campaign, identified, track)
     if why and campaign.rig is None:
@@ -135,7 +135,7 @@ def _axes(
     spec: RecordingSpec, signals: RecordedSignals, campaign: Campaign, *options: object
 ) -> list[tuple[str, Identification]]:
     """The identification of a recording; with two axes, of each axis alone."""
-    rig, file = campaign.rig, spec.file
+    rig, file = campaign.rig, spec.name
     parts = [(file, signals)]
     if signals.axes == 2:
         parts = [(f"{file}, {name}", axis_signals(signals, axis)) for axis, name in enumerate(AXES)]

@@ -55,7 +55,7 @@ def _measured(campaign: Campaign) -> tuple[Measured, ...]:
             campaign, False, None, 0.0,
             lambda recordings: bar.track(list(recordings), description="identify"),
         )  # fmt: skip
-    gains = {r.file: r.gains for r in campaign.recordings}
+    gains = {r.name: r.gains for r in campaign.recordings}
     rows = []
     for name, one in found.axes:
         file = name.removesuffix(", x").removesuffix(", y")

@@ -12,6 +12,7 @@ from maglev_env.recordings.guess.parts import parts_of
 from maglev_env.recordings.guess.recording import guess_recording
 from maglev_env.recordings.longest_stretch import without_gaps
 from maglev_env.recordings.recording import read_recording
+from maglev_env.redundancy.rules import examine
 
 RATE, FIRST, LAST = 1000.0, 3000, 5000
 N = FIRST + LAST
@@ -45,3 +46,23 @@ def test_levels_are_those_of_the_longest_stretch(tmp_path):
     assert (cut.start, cut.samples) == (FIRST, LAST) and longest.sizes["time"] == LAST
     assert not alarms_of(longest)
     assert without_gaps(campaign, cut, longest) == (cut, longest)
+
+
+def test_recordings_of_one_file_have_names_of_their_own(tmp_path):
+    """They shared the file's name: no finding told of which it was, and results by name held only the last of them."""
+    table = write(tmp_path, 36.0).table()
+    names = [(0, FIRST), (FIRST, LAST - 1), (FIRST, LAST)]
+    tables = [{**table, "start": start, "samples": samples} for start, samples in names]
+    (tmp_path / "s.npz").write_bytes((tmp_path / "r.npz").read_bytes())
+
+    def read(*tables):
+        return parse_campaign(tmp_path, {"schema": SCHEMA, "recording": [*tables]})
+
+    assert [spec.name for spec in read(tables[1], {**table, "file": "s.npz"}).recordings] == ["r.npz", "s.npz"]
+    both = read(*tables[:2])
+    assert [spec.name for spec in both.recordings] == ["r.npz from sample 0", "r.npz from sample 3000"]
+    assert {spec.file for spec in both.recordings} == {"r.npz"}
+    found = {f.recording for f in examine(both)}
+    assert found and found <= {spec.name for spec in both.recordings}
+    alike = [spec.name for spec in read(*tables).recordings]
+    assert alike[1:] == ["r.npz from sample 3000 (recording 2)", "r.npz from sample 3000 (recording 3)"]

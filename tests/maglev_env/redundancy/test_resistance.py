@@ -27,7 +27,7 @@ def found(shown=1.0, total=(True, True), switched=0.0, **changes):
     channels = {"current": current - BIAS, "voltage": voltage - BIAS * RIG.coil_resistance}
     sources = {n: ChannelSource((n,), (1.0,), total=t) for n, t in zip(("voltage", "current"), total, strict=True)}
     campaign: Any = SimpleNamespace(rig=replace(RIG, **changes))
-    spec: Any = SimpleNamespace(file="run.csv", channels=sources)
+    spec: Any = SimpleNamespace(file="run.csv", name="run.csv", channels=sources)
     return ohm(campaign, spec, channels)
 
 
@@ -39,7 +39,9 @@ def test_each_axis_has_its_own_resistance_and_bias():
     assert biases == {"x": 0.3, "y": 0.5}
     swing = 0.05 * np.sin(np.arange(1000) / 20)
     channels = {f"current_{a}": swing for a in "xy"} | {"voltage_x": 4.0 * swing, "voltage_y": 8.0 * swing}
-    spec: Any = SimpleNamespace(file="run.csv", channels={n: ChannelSource((n,), (1.0,), total=True) for n in channels})
+    spec: Any = SimpleNamespace(
+        file="run.csv", name="run.csv", channels={n: ChannelSource((n,), (1.0,), total=True) for n in channels}
+    )
     campaign: Any = SimpleNamespace(rig=rig)
     assert not ohm(campaign, spec, channels)
     (one,) = ohm(campaign, spec, channels | {"voltage_y": 8.0 * swing - 2.0})

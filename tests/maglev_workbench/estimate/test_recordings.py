@@ -18,7 +18,7 @@ from maglev_workbench.commands.estimate import recordings
 @pytest.fixture
 def without_responses(monkeypatch):
     """A recording of a set-point sine, whose one line is too few for bands."""
-    spec = SimpleNamespace(file="sine.csv", excitations=(SimpleNamespace(kind="multisine"),), role="fit", gains=None)
+    spec = SimpleNamespace(name="sine.csv", excitations=(SimpleNamespace(kind="multisine"),), role="fit", gains=None)
     told = SimpleNamespace(left_out=())
 
     def too_few(*args):
@@ -57,13 +57,13 @@ def test_without_a_rig_a_recording_that_tells_nothing_is_named_and_the_others_st
     alone = SimpleNamespace(rig=None, folder=Path("bench"))
     with pytest.raises(ValueError, match=r"bench.sine\.csv: 1 lines"):
         recordings.identify_campaign(alone, False, None, None, iter)
-    steps = SimpleNamespace(file="steps.csv", excitations=(SimpleNamespace(kind="multisine", at="force"),), role="fit")
+    steps = SimpleNamespace(name="steps.csv", excitations=(SimpleNamespace(kind="multisine", at="force"),), role="fit")
     read = recordings.each_recording
 
     def axes(spec, *args):
-        if spec.file == "sine.csv":
+        if spec.name == "sine.csv":
             raise ValueError("1 lines")
-        return [(spec.file, "identified")]
+        return [(spec.name, "identified")]
 
     monkeypatch.setattr(recordings, "_axes", axes)
     monkeypatch.setattr(

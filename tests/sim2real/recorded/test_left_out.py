@@ -1,6 +1,7 @@
 """Recordings that tell nothing are left out by name, with the reason and what to record; the others are used."""
 
 import json
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from bench_loop import Bench, write_campaign
 from command_line import maglev
 
-from maglev_env.recordings.campaign import load_campaign
+from maglev_env.recordings.campaign import load_campaign, parse_campaign
 from sim2real.compared.standing import standing
 from sim2real.recorded.records import read_records
 
@@ -51,6 +52,21 @@ def test_a_hover_is_left_out_and_nothing_else_changes(tmp_path):
     loaded = load_campaign(folder)
     (alone,) = read_records(replace(loaded, recordings=loaded.recordings[:1]))[1]
     assert np.array_equal(alone.driving("current"), records[0].driving("current"))
+
+
+def test_of_two_recordings_in_one_file_only_the_one_that_rests_is_left_out(tmp_path):
+    """Neither was, because both had the name of the file: none seemed to be left to fit."""
+    folder = current_driven(tmp_path, {"noise": "fit", "hover": "fit"})
+    rest(folder, "hover.npz")
+    parts = [dict(np.load(folder / f"{kind}.npz")) for kind in ("noise", "hover")]
+    np.savez(folder / "both.npz", **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    tables = tomllib.loads((folder / "campaign.toml").read_text())
+    count = len(parts[0]["displacement"])
+    for i, table in enumerate(tables["recording"]):
+        table |= {"file": "both.npz", "start": i * count, "samples": count}
+    told, records = read_records(parse_campaign(folder, tables))
+    assert [r.name for r in records] == [spec.name for spec in told.recordings] == ["both.npz from sample 0"]
+    assert [left.recording for left in told.left_out] == [f"both.npz from sample {count}"]
 
 
 @pytest.mark.slow

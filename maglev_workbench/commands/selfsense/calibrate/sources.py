@@ -182,11 +182,11 @@ def from_campaign(
             f"{campaign.folder}: no recording has the channels displacement and gap_estimate; name both under "
             "[recording.channels], or record with `maglev simulate --sensor self_sensing`"
         )
-    notes += [f"{s.file}: no displacement with gap_estimate: left out" for s in campaign.recordings if not _pairs(s)]
+    notes += [f"{s.name}: no displacement with gap_estimate: left out" for s in campaign.recordings if not _pairs(s)]
     for spec, pairs in track(having):
         dataset = read_recording(campaign, spec)
         for suffix in pairs:
-            name = f"{spec.file}, {suffix[1:]}" if suffix else spec.file
+            name = f"{spec.name}, {suffix[1:]}" if suffix else spec.name
             displacement, estimate = (dataset[f"{n}{suffix}"].values for n in ("displacement", "gap_estimate"))
             try:
                 if _lines(spec, suffix).size:

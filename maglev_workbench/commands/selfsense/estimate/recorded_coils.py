@@ -33,7 +33,7 @@ class Coil:
 
     @property
     def name(self) -> str:
-        return f"{self.spec.file}, {self.suffix[1:]}" if self.suffix else self.spec.file
+        return f"{self.spec.name}, {self.suffix[1:]}" if self.suffix else self.spec.name
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ def _shares(coil: SensedCoil) -> dict[str, float]:
 def _one_json(coil: SensedCoil, file: Path) -> dict[str, Any]:
     rate, e = coil.coil.spec.sample_rate, coil.sensor.estimator
     return {
-        "file": coil.coil.spec.file,
+        "file": coil.coil.spec.name,
         "axis": coil.coil.suffix.lstrip("_") or None,
         "samples": coil.gap.time.size,
         "sample_rate": rate,
