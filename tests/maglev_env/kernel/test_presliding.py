@@ -13,6 +13,7 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER
+from maglev_env.loop.mechanics import PER_BEND, SLIP_SQ, STATIC, deflect_bristles, deflect_bristles_shaped
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig_file import load_rig
 
@@ -153,6 +154,14 @@ def test_lanes_that_stick_have_a_kernel_of_their_own_and_leave_the_others_alone(
     for e, found in zip((slid, stuck, neutral), together, strict=True):
         assert np.array_equal(simulate_records([e], threads=1)[0], found, equal_nan=True)
     assert np.array_equal(moved(replace(slid, effects=effect("friction", LEVEL))), together[0, 0])
+
+
+@pytest.mark.parametrize(("deflect", "level"), [(deflect_bristles, 1.0), (deflect_bristles_shaped, 1.5)])
+def test_bristles_that_slide_at_the_slip_velocity_bend_by_its_share_of_their_level(deflect, level):
+    """v / sqrt(v^2 + slip^2) is 1 / sqrt(2) there: the smoothing of Coulomb's law, with static friction and without."""
+    memory = np.zeros(2000)
+    memory[SLIP_SQ], memory[PER_BEND], memory[STATIC] = 2.0**2, 1e9, 0.5
+    assert deflect(memory, 0, 0.0, 0.5 * 2.0) == pytest.approx(level / 2**0.5)  # half a step's motion
 
 
 def test_absent_presliding_is_zero_and_bounds_are_stated():
