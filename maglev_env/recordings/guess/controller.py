@@ -16,6 +16,7 @@ _CLOSE = 3e-3  # of its standard deviation, that is left of a command whose PID 
 _CANCELLING = 30.0
 _LOOSE = 4.0  # of that, for the search of the time constants, which ends before
 _AS_WELL = 1.02  # of the residual of all three parts
+NO_LEAK = 1e3  # s: the ti of an integral whose leak a record does not tell
 _TD, _TI = np.geomspace(0.3, 300.0, 12), np.geomspace(20.0, 1e5, 8)  # samples
 
 
@@ -24,7 +25,8 @@ class ControllerFit:
     """The PID that fits a command best.
 
     Args:
-        gains: in A/m, A/m, A s/m, s, s, for the displacement as it is given.
+        gains: in A/m, A/m, A s/m, s, s, for the displacement as it is given; ti is NO_LEAK where the record tells
+            only ki / ti.
         bias: A, constant part of the command.
         residual: rms of what the fit leaves, A.
         step: step of the command's converter, A.
@@ -97,6 +99,10 @@ def fit_controller(
         if simpler[0] <= _AS_WELL * residual + _ROUNDING * spread:
             residual, gains, bias, late = simpler
             break
+    if close and gains.ki:
+        pure = _fit(*signals, late, "di" if gains.kd else "i", NO_LEAK * rate)
+        if pure[0] <= _AS_WELL * residual + _ROUNDING * spread:
+            residual, gains, bias, late = pure
     return ControllerFit(gains, bias, residual, step, (residual / spread) ** 2, exact, late, close)
 
 
@@ -139,21 +145,33 @@ def _liveliest(free: np.ndarray, length: int) -> int:
 
 
 def _fit(
-    error: np.ndarray, wanted: np.ndarray, free: np.ndarray, rate: float, late: int, parts: str = "di"
+    error: np.ndarray,
+    wanted: np.ndarray,
+    free: np.ndarray,
+    rate: float,
+    late: int,
+    parts: str = "di",
+    ti: float | None = None,
 ) -> tuple[float, Gains, float, int]:
     """Residual, gains and bias of the best PID; the time constants by search, the rest by least squares.
 
-    Beside the proportional part it has a derivative ("d") and an integral one ("i") where `parts` says so.
+    Beside the proportional part it has a derivative ("d") and an integral one ("i") where `parts` says so; the latter
+    sums up without a leak where `ti` (samples) is stated, which then only scales its gain.
     """
     if late:
         error, wanted, free = error[:-late], wanted[late:], free[late:]
     n, moved, kept = np.arange(error.size), error - error[0], slice(None) if free.all() else free
     left = wanted[kept]
+    # The limit of a long leak: what its filter held, and a mean that the file's zero adds, are a constant and a ramp.
+    pure = None if ti is None else [(np.cumsum(moved) - moved) / ti, n]
 
     def columns(td: float, ti: float) -> np.ndarray:
         found = [error, np.ones(error.size)]
         for part, constant in (("d", td), ("i", ti)):
             if part in parts:
+                if part == "i" and pure is not None:
+                    found += pure
+                    continue
                 a = np.exp(-1 / constant)
                 low = scipy.signal.lfilter([0.0, 1 - a], [1.0, -a], moved)
                 # Beside the part itself: what its filter held when the record began.
@@ -168,9 +186,9 @@ def _fit(
         rest = left - solution @ matrix
         return float(np.sqrt(rest @ rest / left.size)), solution / scale
 
-    best = _search(lambda td, ti: solve(td, ti)[0], parts)
+    best = _search(lambda td, ti: solve(td, ti)[0], parts if ti is None else parts.replace("i", ""))
     residual, (kp, bias, *rest) = solve(*best)
-    td, ti = best[0] / rate, best[1] / rate
+    td, ti = best[0] / rate, (best[1] if ti is None else ti) / rate
     slope, ki = rest[0] if "d" in parts else 0.0, rest[-2] if "i" in parts else 0.0
     return residual, Gains(float(kp), float(ki), float(slope * td), td, ti), float(bias), late
 

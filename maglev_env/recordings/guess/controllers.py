@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from maglev_env.recordings.guess.controller import ControllerFit, fit_controller
+from maglev_env.recordings.campaign_writer import toml_value
+from maglev_env.recordings.guess.controller import NO_LEAK, ControllerFit, fit_controller
 from maglev_env.recordings.guess.controller_forms import fit_form
 from maglev_env.recordings.guess.evidence import LIKELY, OPEN, SURE, Guess
 
@@ -33,6 +34,37 @@ def rescaled(table: Mapping[str, Any], factor: float) -> dict[str, Any]:
 def asked_of(table: Mapping[str, Any]) -> str:
     """What is to be asked of a controller's table: its sign, where the displacement seems to count the other way."""
     return "" if table.get("kp", table.get("displacement", 1.0)) > 0 else _TOWARD
+
+
+def said_of_the_integral(gains: Mapping[str, float], rate: float) -> tuple[str, str]:
+    """What ki and ti mean together, and, where no leak is told, the line that states the same in the form "pid".
+
+    The plain gains stay what is stated: a campaign is tuned in these alone.
+    """
+    if not gains["ki"]:
+        return "", ""
+    said = f"the integral gain, ki / ti, is {gains['ki'] / gains['ti']:.4g} A/(m s)"
+    if gains["ti"] != NO_LEAK:
+        return said, ""
+    said += (
+        f"; the recording tells no leak of it, for which ti = {NO_LEAK:g} s stands. A PID with a pure integral and "
+        "backward differences says the same in these numbers (but `maglev tune` takes gains alone):"
+    )
+    return said, f"controller = {toml_value(without_leak(gains, rate))}"
+
+
+def without_leak(gains: Mapping[str, float], rate: float) -> dict[str, Any]:
+    """The form "pid" that does the same as gains with a long ti, at a rate (Hz).
+
+    Its ki is ki / ti, in A/(m s). Its recursion has other numbers: its integral holds the newest error too, and the
+    filter of its derivative is a backward difference.
+    """
+    step, told = 1 / rate, {"kp": gains["kp"], "ki": gains["ki"] / gains["ti"]}
+    told["kp"] -= told["ki"] * step
+    if gains["kd"] and gains["td"]:
+        td = step / np.expm1(step / gains["td"])
+        told |= {"kd": gains["kd"] * (td + step) / gains["td"], "td": td}
+    return {"form": "pid"} | {name: float(f"{value:.5g}") for name, value in told.items()}
 
 
 Told = tuple[dict[str, float] | None, Mapping[str, Any] | None, Guess]
@@ -118,8 +150,6 @@ def _controller(channels: Mapping[str, np.ndarray], known: np.ndarray, rate: flo
     how = f"one step of its converter ({fit.step:.3g} A)" if stepped else "what the digits of the columns leave"
     to = f"the command is a PID of the displacement to {fit.residual:.2g} A rms"
     reason = f"{to}, within {how}" if fit.exact else f"{to}, {np.sqrt(fit.share):.1g} of its motion"
-    if g.ki:
-        reason += f"; its integral gain, ki / ti, is {g.ki / g.ti:.4g} A/(m s)"
     sure = SURE if fit.exact else LIKELY
     return gains, None, Guess("controller", gains, reason, sure, asked_of(gains), fit.share)
 

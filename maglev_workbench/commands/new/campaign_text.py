@@ -6,6 +6,7 @@ from textwrap import wrap
 from maglev_env.recordings.campaign_file import SCHEMA
 from maglev_env.recordings.campaign_writer import toml_value
 from maglev_env.recordings.guess.columns.column_guess import ColumnGuess
+from maglev_env.recordings.guess.controllers import said_of_the_integral
 from maglev_env.recordings.guess.evidence import Guess
 from maglev_env.recordings.guess.recording import RecordingGuess
 from maglev_env.rig.rig_file import PRESETS
@@ -63,6 +64,9 @@ def _recording(guess: RecordingGuess) -> list[str]:
     if guess.gains or guess.form:
         # The table in one line: a table header would end the recording's own keys.
         lines.append(f"gains = {toml_value(guess.gains)}" if guess.gains else f"controller = {toml_value(guess.form)}")
+        if guess.gains and guess.rate.value:
+            said, same = said_of_the_integral(guess.gains, guess.rate.value)
+            lines += [*_comment(said), *([f"# {same}"] if same else [])]
         if any(c.ask for name, c in guess.channels.items() if name.startswith(("displacement", "command"))):
             lines += _comment(
                 "these gains hold for the scales below: where you change that of the displacement by a factor, divide "
