@@ -13,6 +13,7 @@ from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fit import Fit, inverse, real_product
 from sim2real.search.fitting import begin, differentiate
 
+REFIT = "refit all parameters"  # the foil that names nothing
 RESAMPLES = 400
 SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed
 CLEAR = 2.0  # times the noise from which on a gap is none of it, in however few lines it lies
@@ -95,7 +96,7 @@ def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, 
         interval,
         held_out,
         words,
-        {"refit all parameters": gap_of(refit), "another effect": gap_of(foil)},
+        {REFIT: gap_of(refit), "another effect": gap_of(foil)},
         figures(judged, after),
     )
 

@@ -17,7 +17,7 @@ from sim2real.advice.next_experiment import SEPARATED
 from sim2real.advice.proposal import Proposal
 from sim2real.curves import curves
 from sim2real.gap.leftover_words import fit_in_words, leftover_lines
-from sim2real.gap.shrink import errors
+from sim2real.gap.shrink import REFIT, errors
 from sim2real.judgement.judge import Entry
 from sim2real.report import (
     BEYOND,
@@ -229,7 +229,10 @@ def _gap_lines(d: Diagnosis) -> list[str]:
     if foils and d.corrected.effects:
         text = "Foils: " + ", ".join(f"{name} leaves {number(value)}" for name, value in foils.items()) + "."
         own = None if d.verdict == "unexplained" or only_tones(d) else d.closing.after
-        if own is not None and min(foils.values()) < NO_BETTER * own:
+        # All parameters, fitted again, are no rival of an effect that is another value of one of them.
+        itself = all(EFFECTS[name].nominal for name in d.corrected.effects)
+        rivals = [value for name, value in foils.items() if name != REFIT or not itself]
+        if own is not None and rivals and min(rivals) < NO_BETTER * own:
             text += " The named effect does not beat them, so the diagnosis is weak."
         lines.append(text)
     if d.choice is not None:

@@ -182,6 +182,10 @@ def test_every_verdict_has_a_page(diagnosed):
     assert "does not beat them" in shown(beaten) and "does not beat" not in shown(
         replace(named, gap=replace(named.gap, after=1.0, foils={"another effect": 2.0}))
     )
+    refitted = replace(named, gap=replace(named.gap, foils={"refit all parameters": named.gap.after}))
+    assert "does not beat them" in shown(refitted)
+    gain = replace(refitted, corrected=replace(refitted.corrected, effects=effect("sensor_gain", 0.12)))
+    assert "does not beat" not in shown(gain) and "refit all parameters leaves" in shown(gain)
     helped = replace(named, gap=replace(named.gap, after=1.0, foils={"another effect": 2.0}))
     assert "does not beat" in shown(replace(helped, gap_of_named=replace(named.gap, after=2.1)))  # a correction did it
     tone = replace(beaten, which=tuple(replace(e, candidate=0) for e in beaten.which))
