@@ -166,7 +166,7 @@ def test_a_tone_is_taken_out_of_every_channel(tmp_path):
         ([('rig = "hmb_free"\n', "")], "rig is missing"),
         ([("displacement = {", "gap_estimate = {")], "displacement is missing"),
         ([('role = "fit"', 'role = "holdout"')], "every recording is a holdout"),
-        ([('"holdout.npz"', '"base.npz"')], "is the fit recording base.npz again"),
+        ([('"holdout.npz"', '"base.npz"')], "is the fit recording base.npz .* again"),
         ([('rig = "hmb_free"', 'rig = "hmb_radial"')], "two axes"),
     ],
 )
