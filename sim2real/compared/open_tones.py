@@ -290,6 +290,16 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     return _taken_out(residual, refined)
 
 
+def stands_out(record: OpenRecord, point: Point, frequency: float) -> bool:
+    """Whether a tone of a frequency (Hz) stands out of what a point leaves of a record, or it touches down there."""
+    if (residual := residual_of(record, point)) is None:
+        return True
+    w = record.windows
+    tried = _tried(record, np.arange(w.first, w.first + w.frequency.size, FINE))
+    chance = float(log_chances(residual, np.array([frequency]))[0])
+    return chance + np.log(max(tried.size, 1)) <= np.log(FALSE_ALARM)
+
+
 def _tried(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
     """Those of lines (n,) at which a tone is looked for: not of drift, of ringing, or of the drive."""
     lines = lines[_within(record, lines)]

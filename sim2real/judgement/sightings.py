@@ -9,7 +9,7 @@ from scipy import stats
 from estimation.lines.tones import Tone, tone_at
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
-from sim2real.compared.open_tones import bins_off, log_chances, residual_of, resolution_of, tones_in
+from sim2real.compared.open_tones import bins_off, log_chances, residual_of, resolution_of, stands_out, tones_in
 from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
 from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
@@ -187,6 +187,8 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
             continue  # noise that excites a lightly damped mode
         if noise_at_peak(record, point, tone):
             continue
+        if name == FOREIGN and isinstance(record, OpenRecord) and not stands_out(record, point, tone.frequency):
+            continue  # it was what other parameters or effects had left, as of friction after steps
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1

@@ -21,6 +21,7 @@ from sim2real.compared.open_tones import (
     log_chances,
     nuisance_columns,
     residual_of,
+    stands_out,
     toned,
     tones_in,
     with_tones,
@@ -68,6 +69,16 @@ def test_noise_shows_a_tone_as_often_as_stated(read):
         chances.append(np.exp(log_chances(replace(residual, lines=noise[0] + 1j * noise[1]), np.array([161.3]))[0]))
     for level in (0.02, 0.1, 0.5):
         assert np.mean(np.array(chances) < level) == pytest.approx(level, abs=3.5 * np.sqrt(level * (1 - level) / 400))
+
+
+def test_a_tone_that_a_better_point_does_not_leave_is_not_seen(read):
+    """What friction does after steps looked like a foreign vibration, because a point without it had left it."""
+    shaken, sound, point = read(Bench(tone=TONE, tone_frequency=61.7), "noise"), read(Bench(), "noise"), Point({}, {})
+    (tone,) = with_tones(shaken).tones
+    for record, seen in ((shaken, True), (sound, False)):
+        assert stands_out(record, point, tone.frequency) == seen
+        part = SimpleNamespace(record=replace(record, tones=(tone,)))
+        assert bool(_between(0, part, point)) == seen
 
 
 @pytest.mark.slow
