@@ -60,7 +60,7 @@ def coupled(view: View) -> list[Finding]:
                 found.append((corner, se, name, relation))
     if not found:  # an integral gain that is far too large bends the command otherwise than any high-pass
         integral = _integral(view, of_command) if of_command is not None else None
-        if integral is not None and integral.clearly and integral.all:
+        if integral is not None and integral.clearly and integral.whole:
             return [_integral_finding(view, integral)]
         return _of_the_design(view, least)
     exact = [one for one in found if one[3].name != "displacement"]
@@ -87,7 +87,7 @@ def coupled(view: View) -> list[Finding]:
 class _Integral:
     """An integral gain that explains what a high-pass does: its name, stated and found value, and its error.
 
-    `clearly`: better than any high-pass. `all`: it leaves noise alone.
+    `clearly`: better than any high-pass. `whole`: it leaves noise alone.
     """
 
     gain: str
@@ -95,7 +95,7 @@ class _Integral:
     value: float
     se: float
     clearly: bool
-    all: bool
+    whole: bool
 
 
 def _integral(view: View, relation: Relation) -> _Integral | None:

@@ -177,7 +177,7 @@ def test_a_variance_of_few_periods_widens_the_interval_as_student_says():
 
 @pytest.mark.parametrize("gains", [{}, {"kd": 3.2, "delay": 5e-5}])
 def test_an_interval_is_as_wide_as_readings_scatter(gains):
-    """Peaks of 3 and of 7: noise of S is noise of the loop gain over |S| squared."""
+    """Peaks of 3 and of 7."""
     clean = sensitivity(LINES, **gains)
     variance = (0.01 * np.abs(clean)) ** 2
     ends = margins(LINES, clean, variance, draws=1500).intervals

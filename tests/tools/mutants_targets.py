@@ -121,7 +121,7 @@ EQUIVALENT: Mapping[str, str] = {
     "planar_likelihood.estimate: 8.0 -> 16.0 in 4.0 * w.size - 8.0": "as in band_errors: of an optimum at infinity",
     "gain_margin.at_rest: / -> * in s / scale": "scales a column of a least squares problem",
     "curves.crossings: > -> <= in level > 0": "where a curve changes its sign its opposite does",
-    "planar_likelihood.estimate: - -> + in 4.0 * w.size - 8.0": "likewise",
+    "planar_likelihood.estimate: - -> + in 4.0 * w.size - 8.0": "of an optimum at infinity, of which nothing is told",
     "modal.global_fit: 1e-14 -> 2e-14 in power * 1e-14": "an end of a bracket",
     "modal._by_chance: 3 -> 4 in equal - 3": "moves a p-value by 1 %, which 600 simulated records do not see",
     "modal._by_chance: 2 -> 3 in n - 2": "moves a p-value by less than 0.2 %",
