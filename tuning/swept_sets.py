@@ -5,6 +5,7 @@ The command reads it by this: importing xarray, and what that imports, takes lon
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +74,7 @@ class SweptSets:
             self._known[name] = self.read(name, None)
         return self._known[name]
 
-    @property
+    @cached_property
     def shown(self) -> dict[str, tuple[float, str]]:
         """Factor from SI, and unit, in which pages and tables show each gain, by name in the order of the cards."""
         return {name: card_of(name, self.gains).on_pages for name in GAIN_CARDS if name in self.gains}
