@@ -271,15 +271,14 @@ def _window(residual: Residual, line: np.ndarray) -> np.ndarray:
 
 def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     """The strongest tone that is significant, and the residual without it."""
-    record, w = residual.record, residual.record.windows
-    tried = _tried(record, np.arange(w.first, w.first + w.frequency.size - 1 + FINE, FINE))
+    tried = _all_tried(residual.record)
     if not tried.size:
         return None, residual
 
     def significant(line: float) -> bool:
-        return _chance(residual, line) + np.log(tried.size) <= np.log(FALSE_ALARM)
+        return _significant(residual, line, tried.size)
 
-    likeliest = tried[int(np.argmin(log_chances(residual, tried * resolution_of(record))))]
+    likeliest = tried[int(np.argmin(log_chances(residual, tried * resolution_of(residual.record))))]
     refined = _strongest_near(residual, float(likeliest), 2 * FINE)
     if not significant(refined):
         return None, residual
@@ -290,14 +289,21 @@ def _strongest(residual: Residual) -> tuple[Tone | None, Residual]:
     return _taken_out(residual, refined)
 
 
-def stands_out(record: OpenRecord, point: Point, frequency: float) -> bool:
-    """Whether a tone of a frequency (Hz) stands out of what a point leaves of a record, or it touches down there."""
-    if (residual := residual_of(record, point)) is None:
-        return True
+def stands_out(residual: Residual, frequency: float) -> bool:
+    """Whether a tone of a frequency (Hz) stands out of a residual as much as one that is searched for has to."""
+    line = frequency / resolution_of(residual.record)
+    return _significant(residual, line, max(_all_tried(residual.record).size, 1))
+
+
+def _significant(residual: Residual, line: float, tried: int) -> bool:
+    """Whether noise hardly ever shows as strong a tone as there is at a line on any of so many lines."""
+    return _chance(residual, line) + np.log(tried) <= np.log(FALSE_ALARM)
+
+
+def _all_tried(record: OpenRecord) -> np.ndarray:
+    """All lines (n,) of a record at which a tone is looked for."""
     w = record.windows
-    tried = _tried(record, np.arange(w.first, w.first + w.frequency.size, FINE))
-    chance = float(log_chances(residual, np.array([frequency]))[0])
-    return chance + np.log(max(tried.size, 1)) <= np.log(FALSE_ALARM)
+    return _tried(record, np.arange(w.first, w.first + w.frequency.size - 1 + FINE, FINE))
 
 
 def _tried(record: OpenRecord, lines: np.ndarray) -> np.ndarray:

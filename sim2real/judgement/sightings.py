@@ -181,13 +181,14 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
         return []
     speed = record.experiment.speed_rpm
     resolution = resolution_of(record)
+    left = residual_of(record, point) if isinstance(record, OpenRecord) else None  # None, too, where that touches down
     for tone in record.tones:
         name = origin(tone.frequency, speed, resolution * _told(record, tone)) or FOREIGN
         if not name.startswith("spin") and _rings(part, point, tone.frequency):
             continue  # noise that excites a lightly damped mode
         if noise_at_peak(record, point, tone):
             continue
-        if name == FOREIGN and isinstance(record, OpenRecord) and not stands_out(record, point, tone.frequency):
+        if name == FOREIGN and left is not None and not stands_out(left, tone.frequency):
             continue  # it was what other parameters or effects had left, as of friction after steps
         harmonic = 1
         if name != FOREIGN:

@@ -76,7 +76,7 @@ def test_a_tone_that_a_better_point_does_not_leave_is_not_seen(read):
     shaken, sound, point = read(Bench(tone=TONE, tone_frequency=61.7), "noise"), read(Bench(), "noise"), Point({}, {})
     (tone,) = with_tones(shaken).tones
     for record, seen in ((shaken, True), (sound, False)):
-        assert stands_out(record, point, tone.frequency) == seen
+        assert stands_out(residual_of(record, point), tone.frequency) == seen
         part = SimpleNamespace(record=replace(record, tones=(tone,)))
         assert bool(_between(0, part, point)) == seen
 
