@@ -9,7 +9,7 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.recordings.campaign import Campaign
 from maglev_workbench.page import COLOURS, labelled_axis, mark_iso_zones, number, shaded, styled
-from sim2real.curves import Curve
+from sim2real.curve import Curve
 from sim2real.result import Diagnosis
 from sim2real.words import percent
 
