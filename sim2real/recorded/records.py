@@ -30,7 +30,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.static_load import load_in_words, static_load, under_load
 from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, near_tones
-from sim2real.recorded.wander import without_wander
+from sim2real.recorded.wander import without_leak, without_wander
 
 WITHOUT_PERIOD = "the ticks of its controller jitter, so it is compared as one that does not repeat"
 UNSTEADY = "its two steady periods differ by more than noise, so it is compared as one that does not repeat"
@@ -191,8 +191,8 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         else np.isin(lines, lines_at(excitations, place))[None]
         for place in PLACES
     }
-    first = list(measured).index("displacement") * axes
-    moved = spectra[:, first : first + axes][..., np.any(list(driven.values()), axis=(0, 1))]
+    first, excited = list(measured).index("displacement") * axes, np.any(list(driven.values()), axis=(0, 1))
+    moved = spectra[:, first : first + axes][..., excited]
     dropped = transient_periods(moved.reshape(len(spectra), -1))
     if len(moved) - dropped == 2 and any(two_unsteady(own) for own in np.moveaxis(moved[dropped:], 1, 0)):
         found = open_record(campaign, spec, dataset)
@@ -203,7 +203,9 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     series = {kind: without_wander(values, n) for kind, values in toneless.items()}
     split = split_periods(np.concatenate(list(series.values())), n)
     kept = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
-    periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}
+    periods = {
+        kind: without_leak(kept[:, i * axes : (i + 1) * axes], lines, excited, n) for i, kind in enumerate(series)
+    }
     load = _load(e, channels, whole, every)
     waves = under_load(_waves(e, channels, driven, lines, signals.hold_rate, whole, offset), load)
     notes = (*signals.assumed, *load_in_words(load))

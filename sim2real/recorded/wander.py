@@ -1,4 +1,5 @@
-"""What changes slowly over the periods of a recording: straight lines over time, and a level that wanders."""
+"""What changes slowly over the periods of a recording: straight lines over time, a level that wanders, and excited
+lines that grow or fade."""
 
 import numpy as np
 import scipy.fft
@@ -6,7 +7,10 @@ from scipy import stats
 
 LEAST = 3  # periods below which a level that wanders cannot be told from noise
 LOWEST = 10  # lines of a period whose scatter is taken for that of its mean
-SURELY = 1e-5  # probability that noise alone makes a level seem to wander
+SURELY = 1e-5  # probability that noise alone makes a level seem to wander, or lines to fade
+# Power of the slope of an excited line in that of another line: a transient has a slope on every line, a gain that
+# drifts hardly where nothing is excited.
+ON_EXCITED = 10.0
 
 
 def straightened(periods: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -37,3 +41,42 @@ def without_wander(values: np.ndarray, per_period: int) -> np.ndarray:
         return values
     time = (np.arange(values.shape[1]) - (values.shape[1] - 1) / 2) / per_period
     return values - np.where(wanders, level, 0.0)[:, None] * time
+
+
+def without_leak(periods: np.ndarray, lines: np.ndarray, excited: np.ndarray, per_period: int) -> np.ndarray:
+    """Amplitudes without what excited lines that grow or fade leave on others.
+
+    The transform of a period takes its lines for steady. One that grows in the period leaks into its neighbours, by its
+    growth in a period over 2 pi and their distance in lines, in all periods alike: the mean over the periods holds it,
+    and the noise that their scatter tells does not. The growth of each excited line is that over the periods. Where it
+    is not surely there, or is no more than that of other lines, the amplitudes are returned as they are.
+
+    Args:
+        periods: (P, axes, n), amplitudes of each period.
+        lines: (n,), harmonic numbers.
+        excited: (n,), whether a line is excited.
+        per_period: samples in a period.
+    """
+    count, freedom = len(periods), len(periods) - 2
+    if count < LEAST or not excited.any():
+        return periods
+    slope, rest = straightened(periods)
+    at = np.arange(count) - (count - 1) / 2
+    power = abs(slope) ** 2
+    noise = (abs(rest) ** 2).sum(axis=0).mean(axis=-1) / freedom / (at @ at)
+    of_excited = power[:, excited].mean(axis=-1)
+    by_chance = stats.f.isf(SURELY, 2 * int(excited.sum()), 2 * lines.size * freedom) * noise
+    beside = power[:, ~excited].mean(axis=-1) if not excited.all() else np.zeros(len(power))
+    fades = of_excited > np.maximum(by_chance, ON_EXCITED * beside)
+    if not fades.any():
+        return periods
+    # Of x(t) = Re(s (t - 1/2) exp(j k t)) in a period, the amplitude of line n is s I(k - n) + conj(s) I(-k - n).
+    own, grown = lines[excited], np.where(fades[:, None], slope[:, excited], 0.0)
+    leak = grown @ _ramp(own[:, None] - lines, per_period) + grown.conj() @ _ramp(-own[:, None] - lines, per_period)
+    return periods - leak
+
+
+def _ramp(apart: np.ndarray, samples: int) -> np.ndarray:
+    """Mean of (t - mean t) exp(j 2 pi m t) over the samples of 0 <= t < 1, of integers m; 0 where m is 0."""
+    turned = np.expm1(2j * np.pi * apart / samples)
+    return np.divide(1.0, samples * turned, out=np.zeros(apart.shape, complex), where=apart % samples != 0)

@@ -21,7 +21,7 @@ from sim2real.compared.point import Point, experiment_at, tolerances
 from sim2real.compared.problem import assemble
 from sim2real.recorded.drifting import steady, trend
 from sim2real.recorded.records import read_records
-from sim2real.recorded.wander import straightened, without_wander
+from sim2real.recorded.wander import straightened, without_leak, without_wander
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
 
@@ -56,6 +56,34 @@ def test_a_level_that_wanders_is_taken_off_and_one_that_stays_is_left_alone():
     assert np.abs(found[0] - steady[0]).max() < 0.02
     short = (steady + ramp)[:, : 2 * per_period]
     assert without_wander(short, per_period) is short
+
+
+@pytest.mark.parametrize("shape", ["ramp", "warming"])
+def test_lines_that_grow_leave_nothing_on_the_others(shape):
+    """What is left of a slow exponential is what a straight line over all periods is off by within one."""
+    count, per_period, lines = 6, 400, np.arange(1, 21)
+    excited = np.isin(lines, [3, 7, 8, 15])
+    t = (np.arange(count * per_period) + 0.5) / per_period
+    growth = 1 + 0.02 * t if shape == "ramp" else 1 + 0.3 * (1 - np.exp(-t / 14))
+    x = growth * sum(np.cos(2 * np.pi * k * t + k) for k in lines[excited])
+    rng = np.random.default_rng(5)
+    x = x[None] + 1e-5 * rng.standard_normal((2, x.size))
+    spectra = 2 / per_period * np.fft.rfft(x.reshape(2, count, per_period))[..., lines].swapaxes(0, 1)
+    found = without_leak(spectra, lines, excited, per_period)
+    leak, left = abs(spectra.mean(0)[:, ~excited]).max(), abs(found.mean(0)[:, ~excited]).max()
+    assert leak > 2e-3 and left < (5e-6 if shape == "ramp" else 1e-4)
+    np.testing.assert_allclose(found.var(axis=0), spectra.var(axis=0), rtol=1e-9)
+
+
+def test_steady_lines_and_transients_are_left_as_they_are():
+    rng, lines, count = np.random.default_rng(6), np.arange(1, 31), 5
+    excited = lines % 3 == 0
+    for _ in range(300):
+        noise = rng.standard_normal((count, 1, 30)) + 1j * rng.standard_normal((count, 1, 30))
+        steady = 100.0 * excited + noise
+        assert without_leak(steady, lines, excited, 200) is steady
+    transient = steady + 30.0 * np.exp(-np.arange(count))[:, None, None] / (1 + 0.1j * lines)
+    assert without_leak(transient, lines, excited, 200) is transient
 
 
 def test_noise_hardly_ever_seems_to_wander():
