@@ -22,7 +22,7 @@ from sim2real.recorded.records import Record
 from sim2real.recorded.wander import straightened
 
 DRIFT = "drift"
-LEAST = 4  # periods below which a trend cannot be told from noise
+LEAST = 3  # periods below which a trend cannot be told from noise
 STEP = 0.01  # relative change of the gain for its derivative
 FALSE_ALARM = 1e-4
 NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled

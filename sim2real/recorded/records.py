@@ -203,9 +203,8 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     series = {kind: without_wander(values, n) for kind, values in toneless.items()}
     split = split_periods(np.concatenate(list(series.values())), n)
     kept = period_spectra(split.reshape(len(split) * split.shape[1], n), lines).reshape(*split.shape[:2], -1)
-    periods = {
-        kind: without_leak(kept[:, i * axes : (i + 1) * axes], lines, excited, n) for i, kind in enumerate(series)
-    }
+    periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}
+    periods = without_leak(periods, lines, excited, n)
     load = _load(e, channels, whole, every)
     waves = under_load(_waves(e, channels, driven, lines, signals.hold_rate, whole, offset), load)
     notes = (*signals.assumed, *load_in_words(load))

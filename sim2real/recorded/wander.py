@@ -1,6 +1,8 @@
 """What changes slowly over the periods of a recording: straight lines over time, a level that wanders, and excited
 lines that grow or fade."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.fft
 from scipy import stats
@@ -43,37 +45,42 @@ def without_wander(values: np.ndarray, per_period: int) -> np.ndarray:
     return values - np.where(wanders, level, 0.0)[:, None] * time
 
 
-def without_leak(periods: np.ndarray, lines: np.ndarray, excited: np.ndarray, per_period: int) -> np.ndarray:
+def without_leak(
+    channels: Mapping[str, np.ndarray], lines: np.ndarray, excited: np.ndarray, per_period: int
+) -> Mapping[str, np.ndarray]:
     """Amplitudes without what excited lines that grow or fade leave on others.
 
     The transform of a period takes its lines for steady. One that grows in the period leaks into its neighbours, by its
     growth in a period over 2 pi and their distance in lines, in all periods alike: the mean over the periods holds it,
     and the noise that their scatter tells does not. The growth of each excited line is that over the periods. Where it
-    is not surely there, or is no more than that of other lines, the amplitudes are returned as they are.
+    is not surely there in any channel, or is no more than that of other lines, the amplitudes are returned as they are.
 
     Args:
-        periods: (P, axes, n), amplitudes of each period.
+        channels: name -> (P, axes, n), amplitudes of each period.
         lines: (n,), harmonic numbers.
         excited: (n,), whether a line is excited.
         per_period: samples in a period.
     """
-    count, freedom = len(periods), len(periods) - 2
-    if count < LEAST or not excited.any():
-        return periods
+    count = len(next(iter(channels.values())))
+    if count < LEAST or not any(_fade(periods, excited) for periods in channels.values()):
+        return channels
+    # Of x(t) = Re(s (t - 1/2) exp(j k t)) in a period, the amplitude of line n is s I(k - n) + conj(s) I(-k - n).
+    own = lines[excited][:, None]
+    along, against = _ramp(own - lines, per_period), _ramp(-own - lines, per_period)
+    grown = {name: straightened(periods)[0][:, excited] for name, periods in channels.items()}
+    # All of them: what one channel leaks into another belongs to what it is compared with there.
+    return {name: periods - grown[name] @ along - grown[name].conj() @ against for name, periods in channels.items()}
+
+
+def _fade(periods: np.ndarray, excited: np.ndarray) -> bool:
+    """Whether the excited lines (n,) of one channel (P, axes, n) surely grow or fade, and others do not."""
     slope, rest = straightened(periods)
-    at = np.arange(count) - (count - 1) / 2
+    at, freedom = np.arange(len(periods)) - (len(periods) - 1) / 2, len(periods) - 2
     power = abs(slope) ** 2
     noise = (abs(rest) ** 2).sum(axis=0).mean(axis=-1) / freedom / (at @ at)
-    of_excited = power[:, excited].mean(axis=-1)
-    by_chance = stats.f.isf(SURELY, 2 * int(excited.sum()), 2 * lines.size * freedom) * noise
+    by_chance = stats.f.isf(SURELY, 2 * int(excited.sum()), 2 * excited.size * freedom) * noise
     beside = power[:, ~excited].mean(axis=-1) if not excited.all() else np.zeros(len(power))
-    fades = of_excited > np.maximum(by_chance, ON_EXCITED * beside)
-    if not fades.any():
-        return periods
-    # Of x(t) = Re(s (t - 1/2) exp(j k t)) in a period, the amplitude of line n is s I(k - n) + conj(s) I(-k - n).
-    own, grown = lines[excited], np.where(fades[:, None], slope[:, excited], 0.0)
-    leak = grown @ _ramp(own[:, None] - lines, per_period) + grown.conj() @ _ramp(-own[:, None] - lines, per_period)
-    return periods - leak
+    return bool((power[:, excited].mean(axis=-1) > np.maximum(by_chance, ON_EXCITED * beside)).any())
 
 
 def _ramp(apart: np.ndarray, samples: int) -> np.ndarray:

@@ -69,7 +69,7 @@ def test_lines_that_grow_leave_nothing_on_the_others(shape):
     rng = np.random.default_rng(5)
     x = x[None] + 1e-5 * rng.standard_normal((2, x.size))
     spectra = 2 / per_period * np.fft.rfft(x.reshape(2, count, per_period))[..., lines].swapaxes(0, 1)
-    found = without_leak(spectra, lines, excited, per_period)
+    found = without_leak({"displacement": spectra}, lines, excited, per_period)["displacement"]
     leak, left = abs(spectra.mean(0)[:, ~excited]).max(), abs(found.mean(0)[:, ~excited]).max()
     assert leak > 2e-3 and left < (5e-6 if shape == "ramp" else 1e-4)
     np.testing.assert_allclose(found.var(axis=0), spectra.var(axis=0), rtol=1e-9)
@@ -80,9 +80,10 @@ def test_steady_lines_and_transients_are_left_as_they_are():
     excited = lines % 3 == 0
     for _ in range(300):
         noise = rng.standard_normal((count, 1, 30)) + 1j * rng.standard_normal((count, 1, 30))
-        steady = 100.0 * excited + noise
+        steady = {"displacement": 100.0 * excited + noise}
         assert without_leak(steady, lines, excited, 200) is steady
-    transient = steady + 30.0 * np.exp(-np.arange(count))[:, None, None] / (1 + 0.1j * lines)
+    rings = 30.0 * np.exp(-np.arange(count))[:, None, None] / (1 + 0.1j * lines)
+    transient = {"displacement": steady["displacement"] + rings}
     assert without_leak(transient, lines, excited, 200) is transient
 
 
