@@ -48,11 +48,11 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
         gap = gap_of(left)
         if gap is None or (as_stated and lost(calibrated, left) > NO_GAP):
             return False
-        beyond_doubt = attribution.calibration.fit.cost - fit.cost > CERTAIN
-        if gap >= least and not (beyond_doubt and left_on(judged, fit) < most_of_noise(left.size)):
-            return False
         share, interval = closed(before, left, 0)
-        return share is None or interval is None or share > MOST or interval[0] > 0
+        if gap < least and (share is None or interval is None or share > MOST or interval[0] > 0):
+            return True
+        beyond_doubt = attribution.calibration.fit.cost - fit.cost > CERTAIN
+        return beyond_doubt and left_on(judged, fit) < most_of_noise(left.size)
 
     left = iter(after)
     return [e for e, f in zip(named, fits, strict=True) if f is None or bears_out(f, next(left))]

@@ -57,6 +57,8 @@ def test_those_are_kept_that_the_holdout_bears_out(gaps, kept):
         ((0.95, 1.1, 1.05), 20.0, 1.0, False),
         ((0.95, 1.5, 1.4), 1e4, 1.0, True),  # its parameters may be elsewhere
         ((0.95, 1.5, 1.4), 1e4, 1.4, False),
+        ((6.2, 60.0, 8.7), 1e4, 1.1, True),  # it tells a combination of parameters that the fitted ones do not
+        ((6.2, 60.0, 8.7), 1e4, 4.0, False),
     ],
 )
 def test_a_holdout_without_a_gap_says_nothing_of_what_is_beyond_doubt(monkeypatch, gaps, saved, moved, kept):
