@@ -190,6 +190,8 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
             continue
         if name == FOREIGN and left is not None and not stands_out(left, tone.frequency):
             continue  # it was what other parameters or effects had left, as of friction after steps
+        if name == FOREIGN and left is None and _creeps(record, point, tone.frequency):
+            continue
         harmonic = 1
         if name != FOREIGN:
             harmonic = int(np.argmin([abs(tone.frequency - f) for f in families(speed)[name]])) + 1
@@ -199,6 +201,12 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
             Sighting(index, name, harmonic, tone.frequency, size, size / np.sqrt(tone.chi2), receptance, tone.chi2)
         )
     return found
+
+
+def _creeps(record: Record | OpenRecord, point: Point, frequency: float) -> bool:
+    """Whether a tone below the lines of the drive may be the rotor that creeps to rest, as it does under friction."""
+    below = not isinstance(record, OpenRecord) and frequency < record.experiment.fundamental
+    return below and not with_own(point, record.nominal).keys().isdisjoint(NO_TANGENT)
 
 
 def _rings(part: Part, point: Point, frequency: float) -> bool:

@@ -19,6 +19,7 @@ from sim2real.judgement.sightings import (
     FOREIGN,
     Sighting,
     _bands,
+    _creeps,
     _foreign_elsewhere,
     _is_trend,
     _opened,
@@ -65,6 +66,19 @@ def test_a_tone_that_the_periods_hardly_tell_from_a_line_may_be_its_trend(freque
         count=5,
     )
     assert _is_trend(SimpleNamespace(record=record), frequency) == trend
+
+
+@pytest.mark.parametrize(
+    ("effects", "frequency", "creeps"),
+    [
+        ({"friction": {"force": 1e-3}}, 2.06, True),
+        ({"friction": {"force": 1e-3}}, 6.3, False),
+        ({"sensor_resonance": {"frequency": 300.0}}, 2.06, False),
+    ],
+)
+def test_what_creeps_below_the_lines_under_friction_is_no_tone(effects, frequency, creeps):
+    record = SimpleNamespace(experiment=SimpleNamespace(fundamental=4.0), nominal=load_rig("hmb_free"))
+    assert _creeps(record, Point(effects, {}), frequency) == creeps
 
 
 @pytest.mark.parametrize(
