@@ -25,7 +25,7 @@ from sim2real.gap.shrink import shrink
 from sim2real.judgement.belief import shipped
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
-from sim2real.judgement.likely import likely_in_words, likely_of, rareness
+from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, rareness
 from sim2real.judgement.limit_not_shown import without_limit_in_words
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
@@ -124,7 +124,7 @@ def diagnose(
         verdict=named.verdict,
         cause=named.cause,
         where=where,
-        which=tuple(named.found),
+        which=tuple(as_sure(named.found, weighed.found, shipped())),
         indistinguishable=(named.cause,) if named.verdict == "ambiguous" else (),
         next_experiments=plan,
         gap=gap,

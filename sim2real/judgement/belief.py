@@ -67,6 +67,7 @@ class Judge:
         reached: Probability that the most probable hypotheses must exceed together so that they hold the truth in LEVEL
             of all campaigns (conformal prediction: V. Vovk, A. Gammerman and G. Shafer, 2005); NO_SET where none does.
         left: What is left beyond noise and forms where the truth is a known cause, in ascending order.
+        surest: Largest probability of an unknown cause: an effect may have a form that leaves as much.
         made_by: What made it.
     """
 
@@ -74,6 +75,7 @@ class Judge:
     trust: Mapping[str, float] = field(default_factory=dict)
     reached: Mapping[str, float] = field(default_factory=dict)
     left: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    surest: float = 1.0
     made_by: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -95,7 +97,7 @@ def judge_from(data: Mapping[str, Any]) -> Judge:
     if data.get("schema") != SCHEMA:
         raise ValueError(f"judge: schema {data.get('schema')!r} is not {SCHEMA}; make it by maglev blind learn")
     left = {name: tuple(values) for name, values in data["left"].items()}
-    return Judge(Belief(**data["belief"]), data["trust"], data["reached"], left, data["made_by"])
+    return Judge(Belief(**data["belief"]), data["trust"], data["reached"], left, data["surest"], data["made_by"])
 
 
 @cache

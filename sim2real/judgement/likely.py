@@ -2,12 +2,14 @@
 
 from bisect import bisect_left
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sim2real.judgement.belief import LEVEL, NO_SET, Judge, channels_of
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry, lacking
+from sim2real.search.hypotheses import UNKNOWN
 
 MOST_NAMED = 5  # hypotheses of a set that a sentence names
 
@@ -25,6 +27,26 @@ def likely_of(found: Sequence[Entry], evidence: Evidence, judge: Judge) -> list[
     """
     reached = judge.reached.get(channels_of(evidence), NO_SET)
     return [] if reached >= NO_SET else list(found[: fewest([e.probability for e in found], reached)])
+
+
+def as_sure(found: Sequence[Entry], before: Sequence[Entry], judge: Judge) -> list[Entry]:
+    """Hypotheses, the most probable first, of which an unknown cause is no more probable than it was right.
+
+    What is taken from it goes to the others, as they were weighed before the holdout was asked.
+
+    Args:
+        found: hypotheses.
+        before: the same before the holdout was asked.
+        judge: who knows how sure an unknown cause may be.
+    """
+    others = sum(e.probability for e in before if e.effects != (UNKNOWN,))
+    sure = any(e.effects == (UNKNOWN,) and e.probability > judge.surest for e in found)
+    if not sure or not others:
+        return list(found)
+    was = {e.effects: e.probability for e in before}
+    share = (1 - judge.surest) / others
+    now = [replace(e, probability=judge.surest if e.effects == (UNKNOWN,) else share * was[e.effects]) for e in found]
+    return sorted(now, key=lambda e: -e.probability)
 
 
 def rareness(evidence: Evidence, judge: Judge) -> tuple[float, int]:

@@ -26,6 +26,7 @@ LEAST = 1e-3  # probability that counts where the truth was given less: it may n
 ROUNDS = 250  # evaluations of the likelihood, at most
 TRUSTED = (0.2, 1.5)  # range of the trust
 FOLDS = 4
+SURE = 0.95  # probability from which on a judge is nearly certain
 UNKNOWN = frozenset({"unknown"})
 
 
@@ -100,11 +101,12 @@ def judge_of(examples: Sequence[Example], before: Judge, free: bool = True) -> J
         before: The judge whose constants are the prior.
         free: Whether the constants of its belief are learned, too.
     """
-    judge = replace(before, trust={}, reached={}, left={})
+    judge = replace(before, trust={}, reached={}, left={}, surest=1.0)
     if free:
         judge = _with_belief(examples, judge)
     judge = replace(judge, trust=_by_channels(examples, lambda own, name: _trust(own, judge, name)))
-    return replace(judge, left=_by_channels(examples, lambda own, name: _left(own, judge)))
+    left = _by_channels(examples, lambda own, name: _left(own, judge))
+    return replace(judge, left=left, surest=_surest(examples, judge))
 
 
 def _with_belief(examples: Sequence[Example], plain: Judge) -> Judge:
@@ -154,6 +156,12 @@ def _left(examples: Sequence[Example], judge: Judge) -> tuple[float, ...]:
     """What is left of known causes, in ascending order."""
     left = (lacking(e.evidence, judge) for e in examples if e.truth != UNKNOWN)
     return tuple(sorted(amount for amount in left if isfinite(amount)))
+
+
+def _surest(examples: Sequence[Example], judge: Judge) -> float:
+    """How probable an unknown cause is where a judge is nearly certain of it, by Laplace's rule of succession."""
+    sure = [e for e in examples if any(named(h.effects) == UNKNOWN and h.probability > SURE for h in e.found(judge))]
+    return (sum(e.truth == UNKNOWN for e in sure) + 1) / (len(sure) + 2)
 
 
 def _mass_before_truth(e: Example, judge: Judge) -> float:

@@ -13,11 +13,11 @@ from sim2real.blind.cases import Answer, Case, Hypothesis
 from sim2real.blind.judging.judging import merged
 from sim2real.blind.learning import learn as learn_module
 from sim2real.blind.learning.examples import family_of, truth_of
-from sim2real.blind.learning.learn import _mass_before_truth, _reached, _told, judge_of, learn, log_score
+from sim2real.blind.learning.learn import UNKNOWN, _mass_before_truth, _reached, _told, judge_of, learn, log_score
 from sim2real.judgement.belief import LEVEL, Judge, judge_from, shipped
 from sim2real.judgement.evidence_json import evidence_from_json, evidence_to_json
-from sim2real.judgement.judge import entries
-from sim2real.judgement.likely import likely_in_words, likely_of, rareness
+from sim2real.judgement.judge import Entry, entries
+from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, rareness
 
 ROUNDS = 24  # of the search, which are fewer than in use
 
@@ -121,6 +121,27 @@ def test_a_set_is_said_only_where_it_can_hold_the_truth(lacking, says):
     kept = likely_of(lesson[0].found(judge), lesson[0].evidence, judge)
     assert bool(kept) == says and json.dumps(judge.to_json(), allow_nan=False)
     assert any("no set of hypotheses" in sentence for sentence in likely_in_words(kept, None)) != says
+
+
+@pytest.mark.parametrize("refuted", [False, True])
+def test_an_unknown_cause_is_no_surer_than_it_was_right(refuted):
+    """What the holdout refuted is what else it may have been."""
+    before = [Entry(("unknown",), 0.98, 1.0, None, None), Entry(("delay",), 0.02, 2.0, 1, None)]
+    after = [replace(e, probability=p) for e, p in zip(before, (1.0, 0.0), strict=True)] if refuted else before
+    found = as_sure(after, before, Judge(surest=0.93))
+    assert [e.effects for e in found] == [("unknown",), ("delay",)]
+    assert [e.probability for e in found] == pytest.approx([0.93, 0.07])
+    assert as_sure(after, before, Judge()) == after
+    named = [replace(e, probability=p) for e, p in zip(before, (0.4, 0.6), strict=True)]
+    assert as_sure(named, before, Judge(surest=0.93)) == named
+
+
+def test_how_sure_an_unknown_cause_may_be_is_counted(monkeypatch):
+    """Nine of ten that were nearly certain, and by chance more: (9 + 1) / (10 + 2)."""
+    sure = [Entry(("unknown",), 0.99, 1.0, None, None)]
+    monkeypatch.setattr(learn_module.Example, "found", lambda self, judge: sure)
+    lesson = [replace(e, truth=UNKNOWN if n else frozenset({"delay"})) for n, e in enumerate(examples(10, 7))]
+    assert learn_module._surest(lesson, Judge()) == pytest.approx(10 / 12)
 
 
 def test_of_channels_that_taught_nothing_no_set_is_said():
