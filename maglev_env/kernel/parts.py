@@ -58,6 +58,8 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
     shaped = s.saturating or s.steeper
     pull = kind and (kind.shaped_pull(s.saturating, s.steeper, s.shaped) if shaped and kind.shaped_pull else kind.pull)
 
+    saturated = actuator.saturated_current if kind and kind.pair else actuator.saturated_current_near
+    saturated = saturated if s.shaped else piece(lambda x, k, y, current: current)
     pushed_back = springs.pushed_back_shaped if s.shaped else springs.pushed_back
     unevenly = uneven_gain.pulling_shaped if s.shaped else uneven_gain.pulling
 
@@ -68,10 +70,12 @@ def _forces(s: Structure, lift: Lifts) -> dict[str, Callable]:
         def bearing(x, k, y, current):
             total = 0.0
             if controlled:
-                pulling = unevenly(x, k, current) if further else current
+                moved = y + x[k + OFFSET] if flexible else y
+                pulling = saturated(x, k, moved, current)
+                pulling = unevenly(x, k, pulling) if further else pulling
                 if freely:
                     pulling = pulling_freely(x, k, y, pulling)
-                total = pull(x, k, y + x[k + OFFSET] if flexible else y, pulling)
+                total = pull(x, k, moved, pulling)
             if further:
                 total = total - pushed_back(x, k, y)
             if freely:
@@ -122,14 +126,13 @@ def _outside(s: Structure, node: int) -> Callable:
 
 
 def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
-    """Pieces for the force-producing nodal currents, and for the actuator's states at the end of the step."""
+    """Pieces for the nodal currents behind eddy currents and hysteresis, and for the states at the end of the step."""
     controlled, flexible = s.magnets != "none", s.flexible
     carried = amplifier.carried(s.actuator_poles, s.delayed, flexible, s.shaped)
     old, new = amplifier.commands(s.delayed, flexible, s.shaped)
     nodes = [carried(amplifier.NODES + 4 * node * W) for node in range(3)]
     start_of, middle_of, end_of = nodes
     next_held = actuator.held_next_shaped if s.shaped else actuator.held_next
-    pulling = actuator.saturated_current if s.shaped else piece(lambda x, k, current: current)
     x1_of, x2_of = carried(amplifier.NEXT), carried(amplifier.NEXT + 4 * W)
 
     @piece
@@ -137,7 +140,7 @@ def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
         if not controlled:
             return 0.0
         now = start_of(x, k, k)
-        return pulling(x, k, now + eddy.eddy_node(x, k, 0) - actuator.hold(x, k)) if flexible else now
+        return now + eddy.eddy_node(x, k, 0) - actuator.hold(x, k) if flexible else now
 
     @piece
     def middle(x, k, held):
@@ -147,14 +150,14 @@ def _currents(s: Structure, lift: Lifts) -> dict[str, Callable]:
         if not flexible:
             return now
         held_back = 0.5 * (actuator.hold(x, k) + actuator.hold_at(x, k, held))
-        return pulling(x, k, now + eddy.eddy_node(x, k, W) - held_back)
+        return now + eddy.eddy_node(x, k, W) - held_back
 
     @piece
     def end(x, k, held):
         if not controlled:
             return 0.0
         now = end_of(x, k, k)
-        return pulling(x, k, now + eddy.eddy_node(x, k, 2 * W) - actuator.hold_at(x, k, held)) if flexible else now
+        return now + eddy.eddy_node(x, k, 2 * W) - actuator.hold_at(x, k, held) if flexible else now
 
     @piece
     def x1_next(x, k):

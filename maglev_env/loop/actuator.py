@@ -13,6 +13,7 @@ from maglev_env.loop.exponential import faded
 from maglev_env.loop.magnets.knee import kept_share
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.loop.magnets.powers import exponential, logarithm
+from maglev_env.loop.magnets.rows import DECAY, EXPONENT, PER_GAP
 from maglev_env.loop.system import System, Values
 from maglev_lanes.elementary import root
 from maglev_lanes.layout import LaneRows, rows_after
@@ -97,7 +98,10 @@ EFFECTS: Mapping[str, EffectCard] = {
             "sharpness": Parameter("", 1.0, 40.0, 4.0, shape=0.8),
             "current": _knee(),
             "command": _knee(),
+            "distance_share": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=0.5, centre=0.5, needs=("iron",)),
         },
+        # With 0 the current of the knee is the same at every distance. With 1 the flux of a single magnet saturates,
+        # which goes with the root of its pull: nearer, less current makes it.
         "the iron saturates: B of each gap becomes B / (1 + |B / B_s|^sharpness)^(1 / sharpness); with current or "
         "command, so does the current that pulls, or the command: of a pair the control current, of a single magnet "
         "all of it, with the current that carries the weight",
@@ -175,6 +179,7 @@ def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.n
         )
     ]
     gain, stiffness = _tangents(values, laws, values.effect("eccentricity"))
+    stiffness = stiffness - gain * saturation.slope_by_nearness(values)
     return gain[:, None] * pulling - stiffness[:, None] * displacement
 
 
@@ -202,10 +207,10 @@ def _tangents(
 # Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: largest current by which the force lags, A;
 # PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A. Of other forms, POWER: its
 # exponent less one, UNLOADING; RIPPLE_SQ: the way of the ripple in a step over the width, squared; PER_KNEE: one over
-# the current that saturates, 1/A; SHARPNESS: of that knee; CARRIES, PULLS: what the coil carries at rest, A, and what
-# of it pulls.
-HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, RIPPLE_SQ, PER_KNEE, SHARPNESS, CARRIES, PULLS, END = rows_after(
-    eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING RIPPLE_SQ PER_KNEE SHARPNESS CARRIES PULLS"
+# the current that saturates, 1/A; SHARPNESS: of that knee; NEARNESS: half the share with which it goes with the flux;
+# CARRIES, PULLS: what the coil carries at rest, A, and what of it pulls.
+HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, RIPPLE_SQ, PER_KNEE, SHARPNESS, NEARNESS, CARRIES, PULLS, END = (
+    rows_after(eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING RIPPLE_SQ PER_KNEE SHARPNESS NEARNESS CARRIES PULLS")
 )
 STILL = 1e-24  # least square of a relative way in a step: nothing is divided by zero, and nothing forgotten
 
@@ -220,6 +225,7 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     x[RIPPLE_SQ] = (values.effect("hysteresis", "ripple") * h / width) ** 2 + STILL
     x[PER_KNEE] = 1 / (scale * values.effect("saturation", "current"))
     x[SHARPNESS] = values.effect("saturation", "sharpness")
+    x[NEARNESS] = values.effect("saturation", "distance_share") / 2
     pulls, carries, _ = saturation.at_rest(values)
     x[CARRIES], x[PULLS] = scale * carries, scale * pulls
 
@@ -272,10 +278,18 @@ def _moved(z, toward, path, slowing):
 
 
 @piece
-def saturated_current(x, k, current):
-    """The force-producing current of a saturating actuator, beside what pulls at rest."""
+def saturated_current(x, k, y, current):
+    """The force-producing current of a saturating pair."""
+    return current * kept_share(abs(current) * x[k + PER_KNEE], x[k + SHARPNESS])
+
+
+@piece
+def saturated_current_near(x, k, y, current):
+    """That of a saturating single magnet at a displacement, beside what pulls at rest."""
+    steep = y * x[k + DECAY] - x[k + EXPONENT] * logarithm(1.0 - y * x[k + PER_GAP])
     whole = current + x[k + CARRIES]
-    return whole * kept_share(abs(whole) * x[k + PER_KNEE], x[k + SHARPNESS]) - x[k + PULLS]
+    size = abs(whole) * x[k + PER_KNEE] * exponential(x[k + NEARNESS] * steep)
+    return whole * kept_share(size, x[k + SHARPNESS]) - x[k + PULLS]
 
 
 @piece

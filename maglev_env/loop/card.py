@@ -10,7 +10,7 @@ from math import inf
 from typing import Literal
 
 Block = Literal["sensor", "controller", "amplifier", "actuator", "mechanics", "external"]
-Need = Literal["magnets", "pair", "two_axes", "coil", "support"]
+Need = Literal["magnets", "pair", "iron", "two_axes", "coil", "support"]
 Per = Literal["", "control period", "mass / control period"]
 
 

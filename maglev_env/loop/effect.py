@@ -15,6 +15,7 @@ BLOCKS = ("sensor", "controller", "amplifier", "actuator", "mechanics", "externa
 NEEDS: Mapping[Need, str] = {
     "magnets": "magnets",
     "pair": "a pair of magnets",
+    "iron": "a single magnet that pulls on iron",
     "two_axes": "two axes",
     "coil": "magnets and a coil_inductance",
     "support": "a support_stiffness",

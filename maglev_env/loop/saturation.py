@@ -4,11 +4,12 @@ A single magnet carries the weight with a current of its own, so the whole curre
 |I / K|^n)^(1 / n) with I = rest + i. Its force law, its weight and therefore the current that must pull at rest,
 I_0, stay what they are without the knee; the coil carries S^-1(I_0) instead, and the command asks for what makes the
 coil carry that. All signals of the loop are deviations from these. Of a pair the control current alone saturates: I_0
-is zero, and so are the others.
+is zero, and so are the others. Where the flux of a single magnet saturates, K goes with the distance: at rest it is K.
 """
 
 import numpy as np
 
+from maglev_env.loop.magnets.law import SingleSidedLaw
 from maglev_env.loop.system import Values
 
 
@@ -49,3 +50,15 @@ def _slope(passed: np.ndarray, knee: np.ndarray, sharpness: np.ndarray) -> np.nd
 
 def _taken(passed: np.ndarray, knee: np.ndarray, sharpness: np.ndarray) -> np.ndarray:
     return np.minimum(abs(passed) / knee, 2.0) ** sharpness
+
+
+def slope_by_nearness(values: Values) -> np.ndarray:
+    """Change at rest of the current that pulls per displacement, A/m, (n,): 0 where the knee is the same everywhere.
+
+    A knee of the flux is at K (s(gap) / s(x))^(1/2), where the pull goes with s(x). With T = |S / K|^n at rest,
+    dS/dy = -S T (d ln s / dy) / 2.
+    """
+    pulls, _, _ = at_rest(values)
+    taken = _taken(pulls, values.effect("saturation", "current"), values.effect("saturation", "sharpness"))
+    steep = np.array([law.steepness if isinstance(law, SingleSidedLaw) else 0.0 for law in values.laws])
+    return -0.5 * values.effect("saturation", "distance_share") * pulls * np.minimum(taken, 1.0) * steep

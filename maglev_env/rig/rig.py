@@ -232,6 +232,7 @@ class Rig:
         stated: dict[Need, bool] = {
             "magnets": self.controlled,
             "pair": self.controlled and KINDS[self.magnet].pair,
+            "iron": self.controlled and not KINDS[self.magnet].pair and KINDS[self.magnet].inductance_follows_gap,
             "two_axes": self.axes == 2,
             "coil": self.controlled and self.coil_inductance is not None,
             "support": self.support_stiffness > 0,

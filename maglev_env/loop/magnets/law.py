@@ -105,6 +105,11 @@ class SingleSidedLaw:
         """How the coil's pull falls off with the distance x (m): s above, in 1/m^exponent."""
         return np.exp(-self.decay * x) / (x + self.coil_gap) ** self.exponent
 
+    @property
+    def steepness(self) -> float:
+        """How steeply the coil's pull falls off at y = 0, -d ln s / dx in 1/m."""
+        return self.exponent / (self.gap + self.coil_gap) + self.decay
+
 
 @singledispatch
 def reshaped(law: ForceLaw, exponent: float, offset: float) -> ForceLaw:

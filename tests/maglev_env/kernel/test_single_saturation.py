@@ -32,6 +32,8 @@ KNEES = {
     "command": effect("saturation", command=1.2),
     "both": effect("saturation", current=2.0, command=1.8, sharpness=3.0),
 }
+FLUX = {"flux": effect("saturation", current=1.5, sharpness=2.5, distance_share=1.0)}
+LONG = replace(BALL, force_length=6e-3)
 RIGS = {"ball": BALL, "calibrated ball": replace(BALL, actuator_gain=1.0, negative_stiffness=-95.0), "coil": FLOATING}
 
 
@@ -55,8 +57,10 @@ def bend(i, knee, sharpness):
 def integrated(e, samples, steps=40):
     """Readings, commands and currents, (3, samples): the equations of motion, by classical steps of their own."""
     rig, g, dt = e.rig, e.gains, 1 / e.rig.control_rate
-    values = {"current": inf, "command": inf, "sharpness": 4.0, **e.effects.get("saturation", {})}
-    knee, top, n = (values[key] for key in ("current", "command", "sharpness"))
+    values = {
+        "current": inf, "command": inf, "sharpness": 4.0, "distance_share": 0.0, **e.effects.get("saturation", {})
+    }  # fmt: skip
+    knee, top, n, by_flux = (values[key] for key in ("current", "command", "sharpness", "distance_share"))
     rest, weight = rig.bias_current, rig.mass * rig.gravity
     carried = through(rest, knee, n)[1]
     asked = through(carried, top, n)[1]
@@ -66,14 +70,19 @@ def integrated(e, samples, steps=40):
     a = (rig.actuator_gain or 0.0) / (power * weight / rest) or 1.0
     b = (rig.negative_stiffness or 0.0) / (-fall * weight / rig.gap) or 1.0
 
+    def nearer(y):
+        if rig.force_length:
+            return exp(y / rig.force_length)
+        return (rig.gap / (rig.gap - y)) ** fall
+
     def pull(y, current):
-        return strength * current**power / (rig.gap - y) ** fall
+        return strength * current**power * nearer(y) / rig.gap**fall
 
     def slope(x, u):
         y, v, i, seen = x
         given = bend(asked + u, top, n) - carried
         coil = i if rig.amplifier_time_constant else given
-        driven = rest + a * (bend(carried + coil, knee, n) - rest)
+        driven = rest + a * (bend(carried + coil, knee / nearer(y) ** (by_flux / 2), n) - rest)
         force = b * (pull(y, rest) - weight) + pull(y, driven) - pull(y, rest)
         lag = rig.amplifier_time_constant
         return np.array([v, force / rig.mass, (given - i) / lag if lag else 0.0, (y - seen) / rig.sensor_time_constant])
@@ -93,11 +102,17 @@ def integrated(e, samples, steps=40):
     return found
 
 
+CASES = [pytest.param(rig, k, id=f"{name}-{at}") for name, rig in RIGS.items() for at, k in KNEES.items()]
+CASES += [
+    pytest.param(rig, FLUX["flux"], id=f"{name}-flux")
+    for name, rig in {"ball": BALL, "calibrated ball": RIGS["calibrated ball"], "exponential": LONG}.items()
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", KNEES)
-@pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
-def test_the_lane_is_what_the_equations_say(rig, name):
-    e = moved(rig, KNEES[name])
+@pytest.mark.parametrize(("rig", "knee"), CASES)
+def test_the_lane_is_what_the_equations_say(rig, knee):
+    e = moved(rig, knee)
     assert structure_of(e).flexible and not structure_of(e).saturating
     expected, plain = (integrated(x, 250) for x in (e, replace(e, effects={})))
     found = simulate_records([e], 4, threads=1)[0][:3, :250]
@@ -119,10 +134,14 @@ def test_the_linear_loop_has_the_slopes_at_the_balance(rig, name):
     np.testing.assert_allclose(bent.amplifier, flows * plain.amplifier, rtol=1e-6)
 
 
+SMALL = [pytest.param(rig, KNEES["both"], id=name) for name, rig in RIGS.items()]
+SMALL += [pytest.param(rig, FLUX["flux"], id=n) for n, rig in {"flux": RIGS["calibrated ball"], "exp": LONG}.items()]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
-def test_a_small_motion_of_the_lane_is_that_of_the_linear_loop(rig):
-    e = replace(moved(rig, KNEES["both"], 1e-8, (5, 12, 40)), periods=2, transient_periods=12)
+@pytest.mark.parametrize(("rig", "knee"), SMALL)
+def test_a_small_motion_of_the_lane_is_that_of_the_linear_loop(rig, knee):
+    e = replace(moved(rig, knee, 1e-8, (5, 12, 40)), periods=2, transient_periods=12)
     found = simulate_statistics([e]).statistics
     linear = loop_response(e, found.frequency)
     plant = found.mean[0, 0] / found.mean[0, 1]
@@ -147,3 +166,10 @@ def test_the_flux_density_of_a_single_magnet_is_not_known(rig):
     with pytest.raises(ValueError, match=r"saturation.field has no meaning on rig ball: it needs a pair of magnets"):
         replace(rig, effects=effect("saturation", 1.2))
     assert replace(rig, effects=effect("saturation", inf, current=2.0))
+
+
+def test_a_flux_that_saturates_needs_iron_that_is_pulled():
+    with pytest.raises(
+        ValueError, match=r"saturation.distance_share has no meaning on rig ball: it needs a single mag"
+    ):
+        replace(FLOATING, effects=FLUX["flux"])

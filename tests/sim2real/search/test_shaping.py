@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from maglev_env.loop.card import SMALL_ROTOR
 from maglev_env.loop.effect import EFFECTS, effect, effect_value, shaped
 from maglev_env.rig.rig import Rig
 from sim2real.compared.point import Point
@@ -16,7 +17,8 @@ from sim2real.search.shapes import shapes_of
 from sim2real.search.shaping import shaped as in_other_forms
 from sim2real.search.starts import starts, starts_elsewhere
 
-SATURATION = Hypothesis(("saturation",), {})
+PAIR = replace(SMALL_ROTOR, lacks=frozenset({"iron"}))
+SATURATION = Hypothesis(("saturation",), {}, scales=PAIR)
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,10 @@ def test_a_form_is_a_prior_about_the_plain_formula():
 
 
 def test_a_saturation_may_also_begin_at_the_current_or_the_command():
-    found = [h.point(u).effects["saturation"] for h, u in starts_elsewhere(Hypothesis((), {}), "saturation", 2.0)]
+    found = [
+        h.point(u).effects["saturation"]
+        for h, u in starts_elsewhere(Hypothesis((), {}, scales=PAIR), "saturation", 2.0)
+    ]
     assert sorted({*found[0]} | {*found[-1]}) == ["command", "current", "field", "sharpness"]
     assert all(values["field"] == 100.0 for values in found)
     knees = [(values.get("current", values.get("command")), values.get("sharpness", 4.0)) for values in found]
