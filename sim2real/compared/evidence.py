@@ -1,7 +1,7 @@
 """What one recording says of a point: its opened coordinates, their noise, and what is not known of them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import ringing
-from sim2real.recorded.static_load import loads_off
+from sim2real.recorded.static_load import ECCENTRIC, loads_off, with_load, without_load
 
 # Power that a simulation leaves of what is compared, over that of the noise, up to which a stand-in may follow it.
 NEAR = 3.0
@@ -69,6 +69,16 @@ def evidence_of(
     The errors act in proportion on the drive, but their product with a coefficient does not: a current that is late by
     half a sample hides what the gain does unless the simulation has it, too.
     """
+    if record.load is not None and ECCENTRIC in near.effects:  # it is simulated without that load there
+        found = _evidence_of(without_load(record), near, amounts, for_estimate)
+        return replace(found, predictor=found.predictor.driven_as(with_load))
+    return _evidence_of(record, near, amounts, for_estimate)
+
+
+def _evidence_of(
+    record: Record | OpenRecord, near: Point, amounts: Mapping[str, float], for_estimate: bool
+) -> Evidence:
+    """The same of a record as it is simulated near the point."""
     if not isinstance(record, OpenRecord):
         opened = opened_loop(record)
         current = record.mean("current") if "current" in record.periods else None

@@ -25,6 +25,7 @@ from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
+from sim2real.recorded.static_load import ECCENTRIC, resting, without_load
 
 NOISELESS = 1e-9  # least noise, of the largest coordinate
 
@@ -55,6 +56,16 @@ class Part:
     def looked(self) -> Predictor:
         """Predicts what is used of a record with periods."""
         return self.predictor if isinstance(self.record, OpenRecord) else self.predictor.at(self.used)
+
+    def at(self, point: Point) -> Predictor:
+        """Predicts all lines of the record at a point."""
+        own = resting(self.record, point.effects)
+        return self.predictor if own is self.record else self.predictor.driven_as(without_load)
+
+    @cached_property
+    def eccentric(self) -> Predictor:
+        """As `looked`, for a point with an eccentricity of its own."""
+        return self.looked if self.record.load is None else self.looked.driven_as(without_load)
 
     @cached_property
     def whitening(self) -> np.ndarray:
@@ -131,11 +142,12 @@ class Problem:
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             nominal = self.parts[0].record.nominal
             drifts = DRIFTING in nominal.effects
-            for drifting in (False, True):
-                some = [i for i, p in enumerate(points) if (drifts or DRIFTING in p.effects) == drifting]
+            kinds = [(drifts or DRIFTING in p.effects, ECCENTRIC in p.effects) for p in points]
+            for drifting, eccentric in sorted({*kinds}):
+                some = [i for i, kind in enumerate(kinds) if kind == (drifting, eccentric)]
                 # Recordings share lanes, but for a drift that counts by its mean over the periods of each.
                 shared: dict[tuple, list[Part]] = {}
-                for part in self.parts if some else ():
+                for part in self.parts:
                     p = part.predictor
                     shared.setdefault(((p.kind, drifting and p.middle), p.schedule), []).append(part)
                 own = [points[i] for i in some]
@@ -145,7 +157,8 @@ class Problem:
                     for (kind, _), parts in shared.items():
                         if kind not in prepared:
                             prepared[kind] = parts[0].predictor.lanes([points[i] for i in which], dithered)
-                        predicted = residuals([p.looked for p in parts], prepared[kind], lasts, dithered)
+                        predictors = [p.eccentric if eccentric else p.looked for p in parts]
+                        predicted = residuals(predictors, prepared[kind], lasts, dithered)
                         for part, rows in zip(parts, predicted, strict=True):
                             found[which, part.place] = part.whitened(rows)
         if self.static is not None:

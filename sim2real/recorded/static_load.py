@@ -4,18 +4,23 @@ Means are no evidence there: the zeros of both channels, a weight, a spring or a
 campaign states any of these. But between opposed magnets the pull changes with the place, so that a simulation which
 rests elsewhere than the rotor did has another gain and another stiffness. A load of a tenth of what the magnets can
 hold was named an eccentricity and a stop beside it.
+
+An eccentricity is another reason to rest there: a hypothesis that has one is simulated without that load, of which the
+means then need nothing. What is left of a load beside it is a nuisance, as all of it is.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from maglev_env.experiment import Experiment
+from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
 
+ECCENTRIC = "eccentricity"  # the effect that says where a rotor rests between its magnets
 LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
 
 
@@ -48,9 +53,10 @@ def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> np.ndarray |
         law = law_along(e, axis)
         if not isinstance(law, ForceLaw):
             return None
-        place = np.clip(motion.reading[axis], -NEAREST * rig.gap, NEAREST * rig.gap)
+        centred = motion.reading[axis] + effect_value(e.effects, ECCENTRIC)
+        place = np.clip(centred, -NEAREST * rig.gap, NEAREST * rig.gap)
         pull = np.mean([force(law, place, i[axis]) for i in (begin, end)])
-        found[axis] = rig.support_stiffness * place.mean() - pull - felt[axis]
+        found[axis] = rig.support_stiffness * motion.reading[axis].mean() - pull - felt[axis]
         notable |= bool(abs(found[axis]) > LEAST * abs(linearise(law)[1]) * rig.gap)
     return found if notable else None
 
@@ -58,6 +64,21 @@ def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> np.ndarray |
 def under_load(waves: Mapping[str, np.ndarray], load: np.ndarray | None) -> Mapping[str, np.ndarray]:
     """What drives a record, by place (axes, samples), with constant forces (axes,), N, if there are any."""
     return waves if load is None else {**waves, "force": waves["force"] + load[:, None]}
+
+
+def without_load(record: R) -> R:
+    """The record of a rotor that rests where its own magnets balance, as one that is eccentric in them does."""
+    return record if record.load is None else replace(record, waves=under_load(record.waves, -record.load))
+
+
+def resting(record: R, effects: Container[str]) -> R:
+    """The record as it is simulated with these effects."""
+    return without_load(record) if ECCENTRIC in effects else record
+
+
+def with_load(record: R) -> R:
+    """`without_load` backwards."""
+    return replace(record, waves=under_load(record.waves, record.load))
 
 
 def load_in_words(load: np.ndarray | None) -> list[str]:

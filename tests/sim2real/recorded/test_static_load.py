@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from maglev_env.recordings.campaign import load_campaign
-from sim2real.compared.point import NOMINAL
+from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import lanes_of, series_at
 from sim2real.diagnosis import diagnose
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
 from sim2real.search import attribute
 
@@ -62,7 +63,7 @@ reference = {{ from = "r" }}
 """
 
 
-def _run(reference, kp, kd, load, seed):
+def _run(reference, kp, kd, load, seed, eccentric=0.0):
     """Reading, command, current and reference (samples, 4) of a PD loop, by Runge-Kutta steps."""
     rng = np.random.default_rng(seed)
     noise, h = rng.normal(0, 1.5e-7, reference.size), 1 / RATE / STEPS
@@ -70,7 +71,8 @@ def _run(reference, kp, kd, load, seed):
 
     def rates(s, command):
         y, v, i = s
-        pull = constant * (((BIAS + i) / (GAP - y)) ** 2 - ((BIAS - i) / (GAP + y)) ** 2)
+        u = y + eccentric
+        pull = constant * (((BIAS + i) / (GAP - u)) ** 2 - ((BIAS - i) / (GAP + u)) ** 2)
         return np.array([v, (pull - load - DAMPING * v) / MASS, (command - i) / LAG])
 
     s, filtered, found = np.zeros(3), 0.0, []
@@ -89,7 +91,7 @@ def _run(reference, kp, kd, load, seed):
     return found
 
 
-def _repeating(folder, load):
+def _repeating(folder, load, eccentric=0.0):
     """Six periods of a multisine at the set point, at rest before."""
     lines, n = [3, 7, 11, 17, 25, 33, 45, 61], 1600
     phases = -np.pi * np.arange(len(lines)) ** 2 / len(lines)  # Schroeder's
@@ -100,19 +102,19 @@ def _repeating(folder, load):
     text += CAMPAIGN.format(name="periods", role="fit", rate=RATE, kp=KP, kd=KD, td=TD)
     stated = f'kind = "multisine"\nat = "reference"\nperiod_samples = {n}\namplitude = 8e-6\nlines = {lines}'
     (folder / "campaign.toml").write_text(text.replace('kind = "recorded"\nat = "reference"', stated))
-    np.savetxt(folder / "periods.csv", _run(reference, KP, KD, load, 5)[4 * n :], delimiter=",", header="y,c,i,r",
-               comments="", fmt="%.10g")  # fmt: skip
+    own = _run(reference, KP, KD, load, 5, eccentric)[4 * n :]
+    np.savetxt(folder / "periods.csv", own, delimiter=",", header="y,c,i,r", comments="", fmt="%.10g")
     return folder
 
 
-def _campaign(folder, load, lost=0.0):
+def _campaign(folder, load, lost=0.0, eccentric=0.0):
     (folder / "rig.toml").write_text(RIG)
     tables = ['schema = "maglev-campaign/1"\nrig = "rig.toml"\n']
     for seed, (role, size, stiffer) in enumerate((("fit", 4e-6, 1.0), ("fit", 8e-6, 1.0), ("holdout", 6e-6, 1.2))):
         levels = size * np.array([0, 1, 0, -1, 1.5, -1.5, 0.5, -0.5])
         reference = np.tile(np.repeat(levels, 700), 2)
         kp, kd = stiffer * KP, stiffer * KD
-        own = _run(reference, kp, kd, load, seed)
+        own = _run(reference, kp, kd, load, seed, eccentric)
         own[:, 1] += lost  # of a command of which an amplifier with a dead band keeps less
         header = "y,c,i,r"
         np.savetxt(folder / f"{seed}.csv", own, delimiter=",", header=header, comments="", fmt="%.10g")
@@ -158,6 +160,28 @@ def test_a_rotor_whose_excitation_repeats_is_simulated_under_its_load(tmp_path, 
         problem = assemble([record])
         left[loaded] = np.mean(abs(problem.data - problem.simulate([NOMINAL])[0]) ** 2) / 2
     assert left[True] < 1.5 and (left[False] > 4.0 if load else left[False] == left[True])
+
+
+@pytest.mark.parametrize("form", [_repeating, _campaign])
+def test_a_rotor_that_is_eccentric_needs_no_load(tmp_path, form):
+    """60 um aside, with both the magnets would hold twice what they do."""
+    _, records = read_records(load_campaign(form(tmp_path, 0.0, eccentric=6e-5)))
+    assert all(record.load is not None for record in records)
+    point = Point({"eccentricity": {"offset": 6e-5}}, {})
+    problem = assemble(records, near=point)
+    left = np.mean(abs(problem.data - problem.simulate([point])[0]) ** 2) / 2
+    assert left == pytest.approx(0.9, abs=0.2)
+    for part in problem.parts:  # without a period, what is left is what noise is told from
+        if isinstance(part.record, OpenRecord):
+            stated = 1.5e-7 * 2 / np.sqrt(part.record.windows.samples)
+            assert np.sqrt(np.mean(part.noise[part.opened.outputs.index("plant")] ** 2)) < 1.15 * stated
+
+
+def test_a_rig_that_is_eccentric_as_it_states_lacks_no_load(tmp_path):
+    folder = _campaign(tmp_path, 0.0, eccentric=6e-5)
+    (folder / "rig.toml").write_text(RIG + "[effects.eccentricity]\noffset = 6e-5\n")
+    _, records = read_records(load_campaign(folder))
+    assert [record.load for record in records] == [None, None, None]
 
 
 @pytest.mark.slow
