@@ -21,8 +21,8 @@ class Scales:
     Args:
         period: control period, s.
         mass: moving mass, kg.
-        bias: size of the bias current, A; of a single magnet that states none, that which carries the weight; infinite
-            without one.
+        bias: size of the bias current, A; of a pair, with that which makes the field of its permanent magnets, |k| gap
+            / gain; of a single magnet that states none, that which carries the weight; infinite without magnets.
         rest: size of the current with which a single magnet carries the weight, A; 0 of a pair.
         lacks: which needs the rig does not fulfil.
     """

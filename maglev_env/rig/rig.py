@@ -224,7 +224,11 @@ class Rig:
         kind = KINDS.get(self.magnet)
         rest = abs(self.bias_current or kind.balancing_bias(self)) if kind and kind.balancing_bias else 0.0
         lacks = frozenset(NEEDS) - self.capabilities
-        return Scales(1 / self.control_rate, self.mass, self.bias_current or rest or inf, rest, lacks)
+        bias = self.bias_current or rest or inf
+        if "pair" in self.capabilities:  # what a permanent magnet does beside it counts, too
+            gain, stiffness = linearise(force_law(self.by_axis[0]))
+            bias = max(self.bias_current, abs(stiffness) * self.gap / gain)
+        return Scales(1 / self.control_rate, self.mass, bias, rest, lacks)
 
     @cached_property
     def capabilities(self) -> frozenset[Need]:

@@ -5,11 +5,12 @@ campaign states any of these. But between opposed magnets the pull changes with 
 rests elsewhere than the rotor did has another gain and another stiffness. A load of a tenth of what the magnets can
 hold was named an eccentricity and a stop beside it.
 
-An eccentricity is another reason to rest there: a hypothesis that has one is simulated without that load, of which the
-means then need nothing. What is left of a load beside it is a nuisance, as all of it is.
+An eccentricity, or an offset of the current that pulls, is another reason to rest there: a hypothesis that has one is
+simulated without that load, of which the means then need nothing. What is left of a load beside it is a nuisance, as
+all of it is.
 """
 
-from collections.abc import Container, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
@@ -20,7 +21,8 @@ from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
 
-ECCENTRIC = "eccentricity"  # the effect that says where a rotor rests between its magnets
+ECCENTRIC = "eccentricity"
+RESTING = {ECCENTRIC, "actuator_offset"}  # effects that say where a rotor rests between its magnets
 LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
 
 
@@ -71,9 +73,14 @@ def without_load(record: R) -> R:
     return record if record.load is None else replace(record, waves=under_load(record.waves, -record.load))
 
 
-def resting(record: R, effects: Container[str]) -> R:
+def rests_otherwise(effects: Iterable[str]) -> bool:
+    """Whether effects say where a rotor rests, so that it needs no load for it."""
+    return not RESTING.isdisjoint(effects)
+
+
+def resting(record: R, effects: Iterable[str]) -> R:
     """The record as it is simulated with these effects."""
-    return without_load(record) if ECCENTRIC in effects else record
+    return without_load(record) if rests_otherwise(effects) else record
 
 
 def with_load(record: R) -> R:
@@ -88,7 +95,8 @@ def load_in_words(load: np.ndarray | None) -> list[str]:
     sizes = ", ".join(f"{own:.2g}" for own in load)
     return [
         f"where the rotor rests, the nominal magnets lack a constant force of {sizes} N (a load or a weight, an "
-        "eccentricity, or the zero of a channel; the means do not tell which): it is simulated with that force"
+        "eccentricity, or the zero of a channel; the means do not tell which): it is simulated with that force, "
+        "except where an eccentricity or an offset of the current is taken for it"
     ]
 
 
