@@ -8,7 +8,7 @@ from estimation.multisine.sphs import odd_lines
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import Effects
-from maglev_env.loop.gains import Controllers, Gains, of_axis, with_gains
+from maglev_env.loop.gains import Controllers, PidGains, of_axis, with_gains
 from maglev_env.rig.excitation import Excitation, lines_at
 from maglev_env.rig.rig import Rig, axis_rig
 
@@ -108,8 +108,8 @@ def _diagnosis_lines(rig: Rig, rng: np.random.Generator) -> tuple[tuple[int, ...
 def _other_gains(rig: Rig, gains: Controllers, effects: Effects) -> Controllers:
     """A second, clearly different gain set that keeps the simulated loop stable."""
     first = of_axis(gains, 0)
-    if not isinstance(first, Gains):
-        raise ValueError("the diagnosis campaign varies plain PID gains; the rig has another controller")
+    if not isinstance(first, PidGains):
+        raise ValueError("the diagnosis campaign varies PID gains; the rig has another controller")
     for kp, kd in ((0.8, 1.2), (1.0, 1.3), (1.0, 0.8), (1.1, 1.0)):
         other = with_gains(gains, kp=first.kp * kp, kd=first.kd * kd)
         e = protocol_experiment(rig, other, effects)

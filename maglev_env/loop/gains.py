@@ -11,7 +11,7 @@ import scipy
 
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import AXES
-from maglev_env.loop.controller_forms import FORMS, Form
+from maglev_env.loop.controller_forms import FORMS, Form, Pid
 from maglev_env.loop.gain_card import KD, KP, LEAK, TIME_CONSTANT, GainCard, cards, gain, stated_gains
 from maglev_env.loop.linear_controller import LinearController
 
@@ -47,6 +47,7 @@ class Gains:
 
 
 Controller = Gains | LinearController | Form
+PidGains = Gains | Pid  # controllers that are a PID and nothing else
 Digital = Gains | LinearController
 INPUTS = ("reference", "reading", "current")
 _CARDS = tuple(cards(of) for of in (Gains, *FORMS.values()))

@@ -9,7 +9,7 @@ from scipy.stats import spearmanr
 from maglev_env.evaluation.evaluate import evaluate
 from maglev_env.experiment import protocol_experiment
 from maglev_env.linear.poles import closed_loop_poles
-from maglev_env.loop.gains import Controllers, Gains
+from maglev_env.loop.gains import Controllers, PidGains
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
 from sim2real.compared.point import Point, experiment_at
@@ -49,8 +49,8 @@ def gain_sets(gains: Controllers) -> list[Controllers]:
         ValueError: The controllers are not PID.
     """
     axes = gains if isinstance(gains, tuple) else (gains,)
-    if not all(isinstance(g, Gains) for g in axes):
-        raise ValueError("gain sets need plain PID gains; the recording has another controller")
+    if not all(isinstance(g, PidGains) for g in axes):
+        raise ValueError("gain sets need PID gains; the recording has another controller")
     sets = [tuple(replace(g, kp=kp * g.kp, kd=kd * g.kd) for g in axes) for kp, kd in FACTORS]
     return sets if isinstance(gains, tuple) else [one for (one,) in sets]
 
@@ -64,7 +64,7 @@ def gain_choice(rig: Rig, corrected: Point, speed_rpm: float = 0.0) -> GainChoic
     driven = rig.protocol is not None and all(
         lines_at(rig.protocol.excitations, at).size for at in ("force", "current")
     )
-    if not driven or not all(isinstance(g, Gains) for g in gains):
+    if not driven or not all(isinstance(g, PidGains) for g in gains):
         return None
     if abs(closed_loop_poles(replace(protocol_experiment(rig, rig.gains), speed_rpm=speed_rpm))).max() >= 1:
         return None

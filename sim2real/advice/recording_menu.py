@@ -9,7 +9,7 @@ import numpy as np
 from estimation.lines.line_windows import WIDTH
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
-from maglev_env.loop.gains import Gains, with_gains
+from maglev_env.loop.gains import PidGains, with_gains
 from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.loop.magnets.law import SingleSidedLaw
 from sim2real.recorded.nominal import outputs_of
@@ -63,7 +63,7 @@ def _open_menu(base: OpenRecord) -> list[Item]:
         items.append(_with_current(base))
     if not np.ptp(base.waves["force"], axis=1).any() and (force := _shaken(base, band)):
         items.append(_with_sines(base, outputs, "force", force, band))
-    if base.bias is None and isinstance(base.experiment.gains, Gains):  # its own controller is known
+    if base.bias is None and isinstance(base.experiment.gains, PidGains):  # its own controller is known
         items += _elsewhere(base, outputs)
     return items
 
@@ -171,7 +171,7 @@ def _elsewhere(base: Record | OpenRecord, outputs: tuple[str, ...]) -> list[Item
     what = f"the same at a static offset of {OFFSET:.0%} of the gap, the reference recorded".replace("%", " %")
     items = [Item(what, 1.0, moved, outputs, {"offset": offset})]
     gains = base.experiment.gains
-    if isinstance(gains, Gains):
+    if isinstance(gains, PidGains):
         kp, kd = GAINS
         experiment = replace(base.experiment, gains=with_gains(gains, kp=kp * gains.kp, kd=kd * gains.kd))
         other = replace(base, experiment=experiment)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maglev_env.evaluation.goal_score import in_words, scale_in_words
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains
 from maglev_env.rig.excitation import Excitation
 from maglev_env.task.task import Task
 from tuning.campaign.candidates import Prediction
@@ -43,7 +43,7 @@ class Advice:
     shown: tuple[Shown | None, ...]
     claimed: tuple[Prediction | None, ...]
     identified: IdentifiedRig | None
-    next: Gains | None = None
+    next: PidGains | None = None
     prediction: Prediction | None = None
     why: str = ""
     kind: str = "stop"

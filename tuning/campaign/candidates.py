@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains
 from tuning.campaign.carried import DRAWS, Carried
 from tuning.campaign.gain_set import GainSet
 from tuning.campaign.model import (
@@ -60,7 +60,7 @@ class Prediction:
         response: |S| over frequency: (frequency, best, low, high), each (s,).
     """
 
-    gains: Gains
+    gains: PidGains
     score: Value
     expected: float
     spread: float
@@ -78,7 +78,7 @@ class Prediction:
         return self.values["peak_sensitivity"]
 
 
-def predict(model: Model, gains: Gains, responses: Carried | None = None, seen: GainSet | None = None) -> Prediction:
+def predict(model: Model, gains: PidGains, responses: Carried | None = None, seen: GainSet | None = None) -> Prediction:
     """What gains reach, by all recordings.
 
     Args:

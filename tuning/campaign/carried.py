@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.loop.gains import PidGains, controller_response
 from maglev_env.rig.excitation import lines_at
 from maglev_env.rig.rig import Rig
 from tuning.campaign.differences import SMOOTH_ERROR, SMOOTH_LENGTH, agreed, circular, differences, places, smooth
@@ -52,18 +52,18 @@ class Carried:
     thetas: np.ndarray
     sharp: np.ndarray
 
-    def sensitivity(self, gains: Gains, apart: float = 0.0, draws: int = DRAWS) -> np.ndarray:
+    def sensitivity(self, gains: PidGains, apart: float = 0.0, draws: int = DRAWS) -> np.ndarray:
         """S (draws, s) under gains; apart: log2 of the factor from recorded gains to these."""
         c = controller_response(gains, self._z(self.injected), 1 / self.rate)
         return 1 / (1 + c * self.plant[:draws] * (1 + apart * self.change[:draws, : self.injected.size]))
 
-    def receptance(self, gains: Gains, apart: float = 0.0, draws: int = DRAWS) -> np.ndarray:
+    def receptance(self, gains: PidGains, apart: float = 0.0, draws: int = DRAWS) -> np.ndarray:
         """Displacement per force (draws, r) of the closed loop, m/N."""
         c = controller_response(gains, self._z(self.forced), 1 / self.rate)
         plant = self.plant_forced[:draws] * (1 + apart * self.change[:draws, self.injected.size :])
         return self.free[:draws] / (1 + c * plant)
 
-    def falls(self, gains: Gains, draws: int = DRAWS) -> np.ndarray:
+    def falls(self, gains: PidGains, draws: int = DRAWS) -> np.ndarray:
         """Factors (draws,) by which the gain may fall until L is -1 at rest; nan where rest needs no gain."""
         still = -(controller_response(gains, np.ones(1), 1 / self.rate).real * self.rest[:draws])
         return np.where(still > 0, still, np.nan)
@@ -72,7 +72,7 @@ class Carried:
         return np.exp(2j * np.pi * frequency / self.rate)
 
 
-def louder(old: Gains, new: Gains, rate: float) -> float:
+def louder(old: PidGains, new: PidGains, rate: float) -> float:
     """ln of the largest factor between two controllers' responses, at any frequency."""
     z = np.exp(2j * np.pi * np.geomspace(1e-5, 0.4, 60))
     one, other = (controller_response(g, z, 1 / rate) for g in (old, new))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from maglev_env.loop.gains import Gains, with_gains
+from maglev_env.loop.gains import PidGains, with_gains
 from maglev_env.recordings.campaign import Campaign
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.protocol import Protocol
@@ -48,8 +48,8 @@ def disagreement(campaign: Campaign, seed: int = 0) -> Disagreement:
 
 
 def diagnosing(
-    found: Disagreement, gains: Gains, protocol: Protocol, sets: Sequence[GainSet]
-) -> tuple[str, Gains, tuple[Excitation, ...]] | None:
+    found: Disagreement, gains: PidGains, protocol: Protocol, sets: Sequence[GainSet]
+) -> tuple[str, PidGains, tuple[Excitation, ...]] | None:
     """The first diagnosing recording that can be stated and was not made, in words, its gains and excitations.
 
     None where there is none.

@@ -9,7 +9,7 @@ from estimation.lines.periods import LineStatistics
 from estimation.max_likelihood import maximum_likelihood
 from estimation.normal import NOISELESS
 from estimation.stability_margins import Margins, margins
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains
 
 DRAWS = 200  # of an interval
 
@@ -45,7 +45,7 @@ class GainSet:
         open: Whether all recordings are without a period.
     """
 
-    gains: Gains
+    gains: PidGains
     files: tuple[str, ...]
     receptance: Response | None
     sensitivity: Response | None
@@ -102,12 +102,12 @@ def pooled(parts: Sequence[Response]) -> Response | None:
     return Response(frequency, mean / total, 1 / total)
 
 
-def failed_set(gains: Gains, file: str, why: str) -> GainSet:
+def failed_set(gains: PidGains, file: str, why: str) -> GainSet:
     """A recording at which nothing is identified, with the reason."""
     return GainSet(gains, (file,), None, None, None, (), np.nan, np.nan, why)
 
 
-def joined(gains: Gains, parts: list[GainSet]) -> GainSet:
+def joined(gains: PidGains, parts: list[GainSet]) -> GainSet:
     """Recordings at equal gains as one set, which failed if none of them held.
 
     Where one held, what failed in another is not the gains' alone: it may have been driven harder.

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.lines.frequency_response import frequency_response, pooled_variance
 from estimation.lines.periods import LineStatistics
-from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.loop.gains import PidGains, controller_response
 from maglev_env.recordings.left_out import TellsNothing
 from maglev_env.recordings.spectra import RecordedSignals, record_spectra
 from maglev_env.rig.rig import Rig
@@ -13,7 +13,7 @@ from tuning.campaign.gain_set import GainSet, Response
 LEAST_LINES = 4  # that a curve of margins needs
 
 
-def identified(signals: RecordedSignals, rig: Rig, gains: Gains, file: str) -> GainSet:
+def identified(signals: RecordedSignals, rig: Rig, gains: PidGains, file: str) -> GainSet:
     """What the lines of a recording show.
 
     Raises:

@@ -11,7 +11,7 @@ from maglev_env.evaluation.goal_score import goal_score, goal_terms, misses
 from maglev_env.evaluation.requirements import EVENT_NAMES, followed_events, time_to_rest
 from maglev_env.evaluation.score import score, terms
 from maglev_env.kernel.blocks import own_lanes
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains
 from maglev_env.rig.goal import Goal, Requirement
 from maglev_env.task.episodes import Episode
 from maglev_env.task.task import Task
@@ -61,13 +61,13 @@ class Model:
     mass: float = MASS
     probe: float = 0.0
 
-    def gains(self, point: np.ndarray) -> Gains:
+    def gains(self, point: np.ndarray) -> PidGains:
         return self.task.box.applied(self.task.rig.gains, self.task.box.gains(point))
 
-    def point(self, gains: Gains) -> np.ndarray:
+    def point(self, gains: PidGains) -> np.ndarray:
         return self.task.box.point(gains)
 
-    def apart(self, gains: Gains) -> float:
+    def apart(self, gains: PidGains) -> float:
         """log2 of the largest factor between the controller's response and the nearest recorded one."""
         return min(louder(s.gains, gains, self.task.rig.control_rate) for s in self.recorded) / np.log(2)
 
@@ -105,7 +105,7 @@ def model_of(
     return Model(**{**vars(model), "ratios": ratios, "noise_error": error})
 
 
-def linear(model: Model, responses: Carried, gains: Gains, apart: float, draws: int) -> dict[str, np.ndarray]:
+def linear(model: Model, responses: Carried, gains: PidGains, apart: float, draws: int) -> dict[str, np.ndarray]:
     """Margins, stiffness, damping and compliance (draws,) by the responses."""
     rig = model.task.rig
     s = responses.sensitivity(gains, apart, draws)
@@ -182,7 +182,7 @@ def large(
     return found
 
 
-def event_times(model: Model, gains: Gains, turn: np.ndarray) -> dict[str, np.ndarray]:
+def event_times(model: Model, gains: PidGains, turn: np.ndarray) -> dict[str, np.ndarray]:
     """Times (draws,) of the goal's events on the rig of each draw, under the doubt of when the rotor is at rest; s."""
     if model.goal is None or not set(BAND_ERROR) & set(model.goal.events):
         return {}
@@ -204,7 +204,7 @@ def event_error(name: str) -> float:
     return LIFT_OFF_ERROR if name == "lift_off_time" else EVENT_ERROR
 
 
-def event_current(model: Model, gains: Gains) -> float | None:
+def event_current(model: Model, gains: PidGains) -> float | None:
     """Largest current in the events of the goal on the fitted rig, A; None where the goal has no events."""
     goal = model.goal
     if goal is None or not goal.events:

@@ -1,12 +1,12 @@
 """The next experiment on a real rig: from the recordings so far to gains, a diagnosing recording, or a stop."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
 from maglev_env.design.defaults import with_defaults
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains, gain_values
 from maglev_env.rig.rig import Rig
 from maglev_env.task.gain_box import gain_box
 from maglev_env.task.task import Task, make_task
@@ -131,8 +131,11 @@ def tuning_task(
             f"rig {rig.name} has two axes: a campaign is tuned one axis at a time; record one axis with a rig TOML of "
             "axes = 1"
         )
-    if rig.gains is not None and not isinstance(rig.gains, Gains):
-        raise ValueError(f"rig {rig.name}: a campaign is tuned in plain PID gains, and its [gains] are of another form")
+    if rig.gains is not None and not isinstance(rig.gains, PidGains):
+        raise ValueError(
+            f'rig {rig.name}: a campaign is tuned in PID gains, plain ones or of the form "pid", and its [gains] are '
+            "of another form"
+        )
     task = make_task(rig, tuned, bounds, goal=goal)
     if task.layout.goal and task.layout.goal.rigs:
         # There is one real rig, so only that one is simulated; the layout keeps the goal as it was asked for.
@@ -141,7 +144,7 @@ def tuning_task(
     if not sets:
         return task, np.array([[-1.0], [1.0]])
     box, first = task.box, sets[0]
-    for name, value in asdict(first.gains).items():
+    for name, value in gain_values(first.gains).items():
         other = next((s for s in sets if getattr(s.gains, name) != value), None)
         if other is not None and name not in box.names:
             raise ValueError(
@@ -175,7 +178,7 @@ def _designed(advice: Advice, held: GainSet, why: str, budget: int) -> Advice:
     return replace(advice, next=held.gains, why=words, kind="designed")
 
 
-def _start(advice: Advice, preset: Gains) -> Advice:
+def _start(advice: Advice, preset: PidGains) -> Advice:
     if not advice.sets:
         return replace(advice, next=preset, kind="start", why="the rig's preset gains, from which tuning starts")
     if all(s.gains != preset for s in advice.sets):

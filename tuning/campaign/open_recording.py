@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from estimation.stability_margins import margins
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains
 from maglev_env.recordings.spectra import RecordedSignals
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig import Rig
@@ -23,7 +23,7 @@ KNOWN, SMOOTH = 0.3, 9  # relative noise of lines that are used, and lines over 
 MOST_DOUBT = 2.0  # times the peak sensitivity that single lines may leave possible
 
 
-def open_set(signals: RecordedSignals, dataset: "xr.Dataset", rig: Rig, gains: Gains, file: str) -> GainSet:
+def open_set(signals: RecordedSignals, dataset: "xr.Dataset", rig: Rig, gains: PidGains, file: str) -> GainSet:
     """What a recording without a period shows, or why it does not tell the margins; as `with_injection`."""
     nothing = replace(failed_set(gains, file, ""), failed=None, open=True)
     driven = with_injection(signals, dataset, rig, gains)
@@ -37,7 +37,7 @@ def open_set(signals: RecordedSignals, dataset: "xr.Dataset", rig: Rig, gains: G
     return replace(found, **curves, untold=_untold(curves["sensitivity"]), open=True)
 
 
-def with_injection(signals: RecordedSignals, dataset: "xr.Dataset", rig: Rig, gains: Gains) -> RecordedSignals | str:
+def with_injection(signals: RecordedSignals, dataset: "xr.Dataset", rig: Rig, gains: PidGains) -> RecordedSignals | str:
     """The recording with all that was added to its command as a recorded injection, or why that is not known.
 
     What a reference made the controller add is part of it. It holds no noise of the sensor, so the responses of

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_env.experiment import sampling
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.each_recording import each_recording
 from maglev_env.recordings.left_out import TellsNothing
@@ -46,24 +46,25 @@ def recorded_sets(campaign: Campaign) -> tuple[Campaign, list[GainSet]]:
         return _one(campaign, spec, _gains(campaign, spec))
 
     used, found = each_recording(replace(campaign, recordings=fit), read)
-    groups: dict[Gains, list[GainSet]] = {}
+    groups: dict[PidGains, list[GainSet]] = {}
     for one in found:
         groups.setdefault(one.gains, []).append(one)
     return used, [joined(gains, parts) for gains, parts in groups.items()]
 
 
-def _gains(campaign: Campaign, spec: RecordingSpec) -> Gains:
-    if isinstance(spec.gains, Gains):
+def _gains(campaign: Campaign, spec: RecordingSpec) -> PidGains:
+    if isinstance(spec.gains, PidGains):
         return spec.gains
-    what = "no gains are stated" if spec.gains is None else "its controller is another one than plain PID gains"
+    what = "no gains are stated" if spec.gains is None else "its controller is another one than a PID"
     raise TellsNothing(
         what,
-        "tuning needs the PID gains it was recorded at: gains = { kp = ..., ki = ..., kd = ..., td = ..., ti = ... }",
+        "tuning needs the PID gains it was recorded at: gains = { kp = ..., ki = ..., kd = ..., td = ..., ti = ... }, "
+        'or controller = { form = "pid", kp = ..., ki = ..., kd = ..., td = ... }',
         campaign.folder / spec.name,
     )
 
 
-def _one(campaign: Campaign, spec: RecordingSpec, gains: Gains) -> GainSet:
+def _one(campaign: Campaign, spec: RecordingSpec, gains: PidGains) -> GainSet:
     where, rig = campaign.folder / spec.name, campaign.rig
     try:
         dataset = read_recording(campaign, spec)

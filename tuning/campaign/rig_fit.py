@@ -9,7 +9,7 @@ import scipy
 from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS, effect_value
-from maglev_env.loop.gains import Gains, controller_response
+from maglev_env.loop.gains import PidGains, controller_response
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.rig.rig import Rig, with_parameters
@@ -204,7 +204,7 @@ def stated_mass(rig: Rig) -> float:
 
 
 def measured_sensitivity(
-    plant: np.ndarray, variance: np.ndarray, frequency: np.ndarray, gains: Gains, control_rate: float
+    plant: np.ndarray, variance: np.ndarray, frequency: np.ndarray, gains: PidGains, control_rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """S = 1 / (1 + C P) and its variance, (n,) each, of other gains on a measured plant (n,)."""
     z = np.exp(2j * np.pi * frequency / control_rate)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_env.loop.gains import Gains
+from maglev_env.loop.gains import PidGains
 from tuning.campaign.advice import Advice, ranked, stopped
 from tuning.campaign.candidates import Prediction, predict, search_scores
 from tuning.campaign.carried import louder
@@ -147,7 +147,7 @@ def _more(score: float, known: float) -> bool:
     return score - known >= GAINED or score > RISEN * known
 
 
-def _near(advice: Advice, model: Model, gains: Gains) -> bool:
+def _near(advice: Advice, model: Model, gains: PidGains) -> bool:
     point = model.point(gains)
     return min(float(np.linalg.norm(model.point(s.gains) - point)) for s in advice.sets) < SAME
 

@@ -37,10 +37,7 @@ def asked_of(table: Mapping[str, Any]) -> str:
 
 
 def said_of_the_integral(gains: Mapping[str, float], rate: float) -> tuple[str, str]:
-    """What ki and ti mean together, and, where no leak is told, the line that states the same in the form "pid".
-
-    The plain gains stay what is stated: a campaign is tuned in these alone.
-    """
+    """What ki and ti mean together, and, where no leak is told, the line that states the same in the form "pid"."""
     if not gains["ki"]:
         return "", ""
     said = f"the integral gain, ki / ti, is {gains['ki'] / gains['ti']:.4g} A/(m s)"
@@ -48,7 +45,7 @@ def said_of_the_integral(gains: Mapping[str, float], rate: float) -> tuple[str, 
         return said, ""
     said += (
         f"; the recording tells no leak of it, for which ti = {NO_LEAK:g} s stands. A PID with a pure integral and "
-        "backward differences says the same in these numbers (but `maglev tune` takes gains alone):"
+        "backward differences says the same in these numbers:"
     )
     return said, f"controller = {toml_value(without_leak(gains, rate))}"
 

@@ -11,6 +11,7 @@ from gain_sets import DELAY, PRESET, RIG, TRUTH, gain_set, true_rig
 from maglev_env.experiment import Experiment, protocol_experiment
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.loop import loop_response
+from maglev_env.loop.controller_forms import Pid, StateFeedback
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import controller_response, with_gains
 from maglev_env.recordings.campaign import load_campaign
@@ -69,6 +70,21 @@ def test_parameters_and_delay_are_found():
         assert told[name][1] < (0.1 if name == "amplifier_time_constant" else 0.03) * abs(told[name][0])
     assert told["delay"][0] == pytest.approx(DELAY, abs=4 * told["delay"][1]) and told["delay"][1] < 0.3 * DELAY
     assert "probe_gain" not in told  # a converter's resolution does not show in a response
+
+
+@pytest.mark.slow
+def test_a_pid_of_another_form_is_tuned_in_its_own_gains():
+    """With a pure integral, which here is slow, the steps are those of plain gains."""
+    form = Pid(kp=9000.0, ki=1000.0, kd=7.5, td=1e-4)
+    plain = with_gains(PRESET, kp=9000.0, ki=0.0, kd=7.5, td=1e-4)
+    rig, steps = true_rig(), []
+    for own in (form, plain):
+        steps.append(next_step(replace(RIG, gains=own), [gain_set(rig, own)], goal="engineer"))
+    assert [s.kind for s in steps] == ["climb", "climb"] and isinstance(steps[0].next, Pid)
+    assert steps[0].next.kp == pytest.approx(steps[1].next.kp, rel=0.2)
+    other = replace(RIG, gains=StateFeedback(9000.0, 7.5))
+    with pytest.raises(ValueError, match="tuned in PID gains"):
+        tuning_task(other, [], ("kp",))
 
 
 def test_a_second_lag_is_told_from_that_of_the_amplifier():
