@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from estimation import stability_margins
 from estimation.gain_margin import at_rest, gain_factors
 from estimation.stability_margins import margin_arrays
 
@@ -74,3 +75,21 @@ def test_a_plant_that_stands_by_itself_may_lose_all_gain():
     sensitivity = 1 / (1 + loop)[None]
     _, down = gain_factors(FREQUENCY, sensitivity, margin_arrays(FREQUENCY, sensitivity))
     assert np.isnan(down[0])
+
+
+def test_the_variance_of_the_loop_gain_is_that_of_its_draws(monkeypatch):
+    """L = 1 / S - 1 has dL = -dS / S^2, where |S| is far from 1 too."""
+    seen = {}
+
+    def stop(f, centre, of_gain, middle, noise):
+        seen["variance"] = of_gain
+        raise StopIteration
+
+    monkeypatch.setattr(stability_margins, "_drawn_margins", stop)
+    f, centre = np.array([1.0, 10.0, 100.0]), np.array([0.1 + 0.05j, 2.0 - 1.0j, 1.0 + 0j])
+    variance = 1e-6 * abs(centre) ** 2
+    rng = np.random.default_rng(3)
+    noise = np.sqrt(variance / 2) * (rng.standard_normal((20_000, 3, 2)) @ [1, 1j])
+    with pytest.raises(StopIteration):
+        stability_margins._intervals(f, centre, variance, {}, {}, noise)
+    np.testing.assert_allclose(seen["variance"], (1 / (centre + noise)).var(axis=0), rtol=0.05)
