@@ -21,8 +21,8 @@ from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
 
-ECCENTRIC = "eccentricity"
-RESTING = {ECCENTRIC, "actuator_offset"}  # effects that say where a rotor rests between its magnets
+ECCENTRIC, OFFSET = "eccentricity", "actuator_offset"
+RESTING = {ECCENTRIC, OFFSET}  # effects that say where a rotor rests between its magnets
 LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
 
 
@@ -50,7 +50,7 @@ def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> np.ndarray |
     if not rig.controlled:
         return None
     found, notable = np.zeros(rig.axes), False
-    begin, end = currents(e, motion)
+    begin, end = (i + effect_value(e.effects, OFFSET) for i in currents(e, motion))
     for axis in range(rig.axes):
         law = law_along(e, axis)
         if not isinstance(law, ForceLaw):

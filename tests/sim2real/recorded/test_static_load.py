@@ -184,6 +184,13 @@ def test_a_rig_that_is_eccentric_as_it_states_lacks_no_load(tmp_path):
     assert [record.load for record in records] == [None, None, None]
 
 
+def test_a_current_with_an_offset_as_the_rig_states_lacks_no_load(tmp_path):
+    folder = _campaign(tmp_path, 25.0)
+    (folder / "rig.toml").write_text(RIG + f"[effects.actuator_offset]\ncurrent = {-25.0 / GAIN}\n")
+    _, records = read_records(load_campaign(folder))
+    assert all(record.load is None or abs(record.load[0]) < 0.7 for record in records)
+
+
 @pytest.mark.slow
 def test_a_constant_load_is_no_effect(leaning, monkeypatch):
     """Not even of those that pull the rotor aside or change what the magnets do there."""
