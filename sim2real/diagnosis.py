@@ -29,7 +29,7 @@ from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, raren
 from sim2real.judgement.limit_not_shown import without_limit_in_words
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
-from sim2real.judgement.sightings import Sighting, sightings
+from sim2real.judgement.sightings import Sighting, may_creep, sightings
 from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
 from sim2real.judgement.untold_time import late_readings
 from sim2real.judgement.verdict import verdict
@@ -42,6 +42,7 @@ from sim2real.search.candidates import Attribution, Candidate, best_partial, con
 from sim2real.search.hypotheses import TONES
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
+CREEP = 0.5  # share of the trends over periods beyond which what no gain explains may be a rotor that creeps to rest
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line, or window of lines, is withheld from the fits
 
 
@@ -173,6 +174,8 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
     near = base.fit.hypothesis.point(base.fit.u)
     drift = drift_of(fitted, near)
     drifts = drift is not None and drift.shown
+    if drifts and drift.left > CREEP * drift.chi2 and may_creep(records[0].nominal, near):
+        drift, drifts = None, False  # no gain makes that trend, and a rotor that creeps to rest does
     seen = sightings(fitted, near, drifts)
     tones, causes = evidence(seen), vibration_costs(fitted, seen, near)
     if drift is not None and drifts:

@@ -66,6 +66,7 @@ def read_pieces(s: Structure, lanes: int = W) -> tuple[Callable, Callable, Calla
     own, current_at = Z1 if s.sensed else sensor.seen(s.sensor_poles), (POSITION + (s.sensed is not None)) * W
     row, toned, planar, sensing = SEEN if s.coupled else own, s.flexible and not s.sensed, s.axes == 2, bool(s.sensed)
     coil, played = amplifier.coil(s.actuator_poles, s.delayed, s.flexible, s.shaped), s.further and not s.sensed
+    behind = probe_play.played_shaped if s.shaped else probe_play.played
     freely = s.free and not s.sensed
     order, of_error = s.controller_order, s.of_error
     depends = s.actuator_poles == 0 or s.flexible  # whether the recorded current depends on the command after the delay
@@ -76,7 +77,7 @@ def read_pieces(s: Structure, lanes: int = W) -> tuple[Callable, Callable, Calla
     def note_reading(x, k, tile, o, off):
         sensed = x[k + row] + tone(x, k) if toned else x[k + row]
         if played:
-            sensed = probe_play.played(x, k, sensed)
+            sensed = behind(x, k, sensed)
         if freely:
             sensed = free.read(x, k, sensed, off)
         now = sensor.shown(x, k, sensed + x[k + NOISE] * x[k + DRAWN])

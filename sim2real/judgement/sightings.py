@@ -9,6 +9,7 @@ from scipy import stats
 from estimation.lines.tones import Tone, tone_at
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
+from maglev_env.rig.rig import Rig
 from sim2real.compared.open_tones import bins_off, log_chances, residual_of, resolution_of, stands_out, tones_in
 from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
@@ -206,7 +207,12 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
 def _creeps(record: Record | OpenRecord, point: Point, frequency: float) -> bool:
     """Whether a tone below the lines of the drive may be the rotor that creeps to rest, as it does under friction."""
     below = not isinstance(record, OpenRecord) and frequency < record.experiment.fundamental
-    return below and not with_own(point, record.nominal).keys().isdisjoint(NO_TANGENT)
+    return below and may_creep(record.nominal, point)
+
+
+def may_creep(nominal: Rig, point: Point) -> bool:
+    """Whether effects act with which a rotor comes to rest more slowly than any pole of its loop says."""
+    return not with_own(point, nominal).keys().isdisjoint(NO_TANGENT)
 
 
 def _rings(part: Part, point: Point, frequency: float) -> bool:
@@ -293,14 +299,13 @@ def _bands(index: int, part: Part, point: Point, drifting: bool) -> list[Sightin
     """
     if isinstance(part.record, OpenRecord):
         return []  # its noise is told from the scatter of neighbouring lines, and so are bands of it
-    acting = with_own(point, part.record.nominal)
-    if not acting.keys().isdisjoint(NO_TANGENT):
-        return []  # these effects give the loop's noise no definite shape
+    if may_creep(part.record.nominal, point):
+        return []  # these effects give the loop's noise no definite shape, either
     corrected = replace(part.record, experiment=experiment_at(part.record.experiment, point))
     opened = [replace(opened_loop(r), outputs=part.opened.outputs) for r in (corrected, part.record)]
     loops = [loud_bands(r, o, drifting) for r, o in zip((corrected, part.record), opened, strict=True)]
     loud = min(loops, key=lambda bands: sum(chi2 for *_, chi2 in bands))
-    modes = [mode["frequency"] for mode in modes_of(acting)]
+    modes = [mode["frequency"] for mode in modes_of(with_own(point, part.record.nominal))]
     # Near a lightly damped mode the noise depends on the mode's damping, which no fit determines well enough.
     loud = [band for band in loud if all(abs(np.log2(f * f / (band[0] * band[1]))) > BESIDE_MODE for f in modes)]
     return [Sighting(index, LOUD, 1, (lo * hi) ** 0.5, 0.0, 0.0, 0.0, chi2) for lo, hi, chi2 in loud]

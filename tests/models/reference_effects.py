@@ -91,8 +91,9 @@ class FullAxis(Axis):
         self.cube, self.reach, self.stop = value("cubic_spring"), value("soft_stop"), value("soft_stop", "stiffness")
         self.steepness = value("soft_stop", "steepness")
         self.shake = [value("foreign_vibration", key) for key in (None, "frequency", "phase")]
-        self.dead, self.lost, self.play = value("deadband"), value("dropped_samples"), value("probe_backlash")
-        self.passed = self.read = 0.0
+        self.dead, self.lost = value("deadband"), value("dropped_samples")
+        self.plays = value("probe_backlash") * (1 + value("probe_backlash", "spread") * np.array([-1.0, 0.0, 1.0]))
+        self.passed, self.behind = 0.0, np.zeros(3)
         self.branch = self.first_sensor
         self.held = self.branch + len(rates)
         self.first_mount = self.held + 1
@@ -123,10 +124,11 @@ class FullAxis(Axis):
         return self.cube * y**3 + copysign(self.stop * beyond * (beyond / self.reach) ** (self.steepness - 1), y)
 
     def behind_play(self, reading):
-        """The reading follows at a distance of the play."""
-        if abs(reading - self.read) > self.play:
-            self.read = reading - copysign(self.play, reading - self.read)
-        return self.read
+        """The mean of what follows at the distance of each play."""
+        for j, play in enumerate(self.plays):
+            if abs(reading - self.behind[j]) > play:
+                self.behind[j] = reading - copysign(play, reading - self.behind[j])
+        return self.behind.mean()
 
     def passed_on(self, command):
         """The expected command behind the dead band, where a share of the commands is lost."""

@@ -13,8 +13,12 @@ from maglev_lanes.pieces import piece
 EFFECTS: Mapping[str, EffectCard] = {
     "probe_backlash": EffectCard(
         "sensor",
-        {"half_width": Parameter("m", 1e-11, 1e-2, absent=0.0, starts=(3e-8, 3e-7, 3e-6, 3e-5))},
-        "the reading stays while the rotor moves within the half width either way (a play operator, Krasnosel'skii)",
+        {
+            "half_width": Parameter("m", 1e-11, 1e-2, absent=0.0, starts=(3e-8, 3e-7, 3e-6, 3e-5)),
+            "spread": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=0.4),
+        },
+        "the reading stays while the rotor moves within the half width either way (a play operator, Krasnosel'skii); "
+        "with a spread s it is the mean behind plays of 1 - s, 1 and 1 + s half widths",
         "displacement and force at two amplitudes",
         flexible=True,
         linear=False,
@@ -23,13 +27,14 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
 }
 
-# Rows of a lane. PLAYED: the displacement that is read, m; PLAY: half width, m.
-PLAYED, PLAY, END = rows_after(springs.END, "PLAYED PLAY")
+# Rows of a lane. PLAYED, EARLIER, LATER: the displacement behind each play, m; PLAY, NARROW, WIDE: half widths, m.
+PLAYED, EARLIER, LATER, PLAY, NARROW, WIDE, END = rows_after(springs.END, "PLAYED EARLIER LATER PLAY NARROW WIDE")
 
 
 def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
-    """Write the half width of the play."""
-    x[PLAY] = values.effect("probe_backlash")
+    """Write the half widths of the plays."""
+    play, spread = values.effect("probe_backlash"), values.effect("probe_backlash", "spread")
+    x[PLAY], x[NARROW], x[WIDE] = play, (1 - spread) * play, (1 + spread) * play
 
 
 @piece
@@ -39,3 +44,13 @@ def played(x, k, sensed):
     found = min(max(x[k + PLAYED], sensed - play), sensed + play)
     x[k + PLAYED] = found
     return found
+
+
+@piece
+def played_shaped(x, k, sensed):
+    """The mean (m) behind plays of several half widths, which are also stored."""
+    narrow, wide = x[k + NARROW], x[k + WIDE]
+    earlier = min(max(x[k + EARLIER], sensed - narrow), sensed + narrow)
+    later = min(max(x[k + LATER], sensed - wide), sensed + wide)
+    x[k + EARLIER], x[k + LATER] = earlier, later
+    return (earlier + played(x, k, sensed) + later) / 3.0

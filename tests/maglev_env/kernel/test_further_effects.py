@@ -30,6 +30,7 @@ ALONE = {
     "deadband": (effect("deadband", 0.02), 1e-5),
     "dropped_samples": (effect("dropped_samples", 0.3), 5e-5),
     "probe_backlash": (effect("probe_backlash", 2e-7), 1e-4),
+    "probe_backlash, spread": (effect("probe_backlash", 2e-7, spread=0.6), 1e-4),
 }
 
 
