@@ -198,8 +198,15 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         at_bound = c.at_bound(float(fit.u[i]))
         se = None if at_bound or not known or sd[i] >= NOT_TOLD else _se(c, value, float(sd[i]))
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
-    for i, name in enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)):
-        if shape := fit.hypothesis.shapes.get(name):
+    forms = list(enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)))
+    shapes = fit.hypothesis.shapes
+    # What a form adds, such as a further mode, is nowhere as long as it has no size.
+    added = [(s, s.value(float(fit.u[i]))) for i, n in forms if (s := shapes.get(n)) and s.parameter.added]
+    there = {s.effect for s, value in added if s.parameter.scale and value != s.parameter.default}
+    for i, name in forms:
+        if shape := shapes.get(name):
+            if shape.parameter.added and shape.effect not in there:
+                continue
             if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
                 at_end = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
                 se = None if at_end or not known else float(sd[i]) * shape.change(at)

@@ -59,3 +59,16 @@ def test_what_a_fit_leaves_widens_its_errors_to_those_of_its_values(louder):
         values.append([found["mass.change"]["value"], found["probe_gain (relative)"]["value"] - 0.02 * gain])
         claimed.append([found["mass.change"]["se"], found["probe_gain (relative)"]["se"]])
     assert np.sqrt(np.mean(np.square(values), axis=0)) == pytest.approx(np.mean(claimed, axis=0), rel=0.08)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.5])
+def test_a_further_mode_without_a_size_is_nowhere(size):
+    h = Hypothesis(("sensor_resonance",), {}, shaped=("sensor_resonance",))
+    u, first = np.zeros(h.size), len(h.coordinates)
+    names = list(h.calibrated)
+    at = first + names.index("sensor_resonance.further_ratio")
+    u[at] = h.shapes["sensor_resonance.further_ratio"].at(size)
+    for name in ("further_frequency", "further_damping"):
+        u[first + names.index(f"sensor_resonance.{name}")] += 0.5
+    found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, np.zeros((h.size, 2), complex))))
+    assert any("further" in name for name in found) == bool(size)
