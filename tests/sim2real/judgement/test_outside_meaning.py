@@ -77,10 +77,10 @@ def test_iron_that_saturates_far_above_every_field_does_not(rig, field, knee, co
 
 @pytest.mark.parametrize(("share", "cost"), [(-1.0, np.inf), (0.98, 0.0), (0.2, 0.0), (1.0, np.inf)])
 def test_a_zero_of_the_current_that_is_off_by_all_of_the_bias_is_none(share, cost):
-    """One magnet of the pair would have no current at all."""
+    """One magnet of the pair would have no field at all, of its current or of its permanent magnet."""
     h = Hypothesis(("actuator_offset",), {}, scales=RIG.scales)
     (c,) = h.coordinates
-    u = np.array([c.at(share * RIG.bias_current)])
+    u = np.array([c.at(share * RIG.scales.bias)])
     (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
     assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
 
