@@ -43,6 +43,7 @@ from sim2real.search.hypotheses import TONES
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 CREEP = 0.5  # share of the trends over periods beyond which what no gain explains may be a rotor that creeps to rest
+RINGS_ON = 60.0  # chi-square of trends that the rest of a transient may have
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line, or window of lines, is withheld from the fits
 
 
@@ -174,8 +175,8 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
     near = base.fit.hypothesis.point(base.fit.u)
     drift = drift_of(fitted, near)
     drifts = drift is not None and drift.shown
-    if drifts and drift.left > CREEP * drift.chi2 and may_creep(records[0].nominal, near):
-        drift, drifts = None, False  # no gain makes that trend, and a rotor that creeps to rest does
+    if drifts and drift.left > CREEP * drift.chi2 and (drift.chi2 < RINGS_ON or may_creep(records[0].nominal, near)):
+        drift, drifts = None, False  # no gain makes that trend, and a rotor that is not yet at rest does
     seen = sightings(fitted, near, drifts)
     tones, causes = evidence(seen), vibration_costs(fitted, seen, near)
     if drift is not None and drifts:

@@ -1,4 +1,4 @@
-"""A trend over periods that no gain makes, where a rotor may creep to rest."""
+"""A trend over periods that no gain makes, where a rotor may not be at rest yet."""
 
 from types import SimpleNamespace
 
@@ -15,7 +15,8 @@ from sim2real.compared.point import Point
     [
         ({"probe_backlash": {"half_width": 1e-6}}, 30.0, False),
         ({"probe_backlash": {"half_width": 1e-6}}, 3.0, True),  # a gain that drifts makes it
-        ({"delay": {"time": 1e-5}}, 30.0, True),
+        ({"delay": {"time": 1e-5}}, 90.0, True),
+        ({"delay": {"time": 1e-5}}, 30.0, False),  # the rest of a transient
     ],
 )
 def test_it_is_no_evidence_of_an_unknown_cause(monkeypatch, effects, left, counts):
@@ -29,7 +30,7 @@ def test_it_is_no_evidence_of_an_unknown_cause(monkeypatch, effects, left, count
     for name in names:
         monkeypatch.setattr(module, name, lambda *a: {})
     monkeypatch.setattr(module, "evidence", lambda seen: {})
-    monkeypatch.setattr(module, "drift_of", lambda problem, near: Drift(0.1, 0.02, 30.0, left, True))
+    monkeypatch.setattr(module, "drift_of", lambda problem, near: Drift(0.1, 0.02, max(left, 30.0), left, True))
     monkeypatch.setattr(module, "evidence_of", stop)
     fit = SimpleNamespace(u=None, hypothesis=SimpleNamespace(point=lambda u: Point(effects, {})))
     records = [SimpleNamespace(nominal=load_rig("hmb_free"))]
