@@ -212,7 +212,8 @@ def _curves(
     kind, rig = VOCABULARY[name], detector.truth.rig
     metric = _Metric(detector)
     target = metric.left(truth)
-    total, chance = _distance(target), not (RANDOM | ROUGH).isdisjoint({kind.value})
+    # Of what chance has a part in, noise may take more than there is.
+    total, chance = max(_distance(target), 0.0), not (RANDOM | ROUGH).isdisjoint({kind.value})
     for others in _choices(detector, name, kind, true, rng):
         try:
             if name in TONES:
