@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ from sim2real.words import Fitted
 
 SCHEMA = "maglev-diagnosis/1"
 OFFSET = "actuator_offset"  # does not show where the mean of a suspended mass is no evidence
+
+NOWHERE = 0.01  # standard deviations of the reciprocal of a form that may be infinite, below which it does nothing
 
 
 @dataclass(frozen=True)
@@ -207,6 +210,8 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         if shape := shapes.get(name):
             if shape.parameter.added and shape.effect not in there:
                 continue
+            if shape.parameter.default == inf and abs(fit.u[i]) <= max(NOWHERE, sd[i] if known else 0.0):
+                continue  # not told from one that is so large that it does nothing
             if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
                 at_end = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
                 se = None if at_end or not known else float(sd[i]) * shape.change(at)

@@ -72,3 +72,14 @@ def test_a_further_mode_without_a_size_is_nowhere(size):
         u[first + names.index(f"sensor_resonance.{name}")] += 0.5
     found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, np.zeros((h.size, 2), complex))))
     assert any("further" in name for name in found) == bool(size)
+
+
+@pytest.mark.parametrize(("reciprocal", "told"), [(1e-4, 30.0), (0.5, 30.0), (0.5, 0.5)])
+def test_a_knee_that_is_not_told_from_none_is_not_printed(reciprocal, told):
+    """As "command 9.59 kA" was."""
+    h = Hypothesis(("saturation",), {}, shaped=("saturation",))
+    at = len(h.coordinates) + h.calibrated.index("saturation.command")
+    u, jacobian = np.zeros(h.size), np.zeros((h.size, 2), complex)
+    u[at], jacobian[at, 0] = reciprocal, told
+    found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, jacobian)))
+    assert ("saturation.command" in found) == (reciprocal * told > 2)
