@@ -70,12 +70,19 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     found = _one_family(problem, _mixed(problem, _higher_harmonics(problem, _foreign_elsewhere(problem, found))))
     turning = {s.record for s in found if s.family == "spin" and s.harmonic == 1}
     rest = [s for i, part in enumerate(problem.parts) if i not in turning for s in _unseen(i, part, point)]
+    rest = [s for s in rest if not _is_foot(problem, s, found)]
     axes = problem.parts[0].record.axes
     # At a known rotation frequency, pooling the records finds tones that no single record shows; and where the rotation
     # is seen in some records, a small amplitude in the others is evidence as well.
     if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
         found += rest
     return found
+
+
+def _is_foot(problem: Problem, s: Sighting, found: list[Sighting]) -> bool:
+    """Whether what a record shows at a frequency may be a tone beside it, which the record does not resolve from it."""
+    resolution = resolution_of(problem.parts[s.record].record)
+    return any(k.record == s.record and k.size > 0 and abs(k.frequency - s.frequency) < resolution for k in found)
 
 
 def _is_trend(part: Part, frequency: float) -> bool:

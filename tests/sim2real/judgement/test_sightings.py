@@ -21,6 +21,7 @@ from sim2real.judgement.sightings import (
     _bands,
     _creeps,
     _foreign_elsewhere,
+    _is_foot,
     _is_trend,
     _opened,
     _rings,
@@ -133,3 +134,16 @@ def test_a_mode_of_the_rig_rings_as_one_of_a_point_does(monkeypatch):
     assert [s.chi2 for s in _bands(0, on({}), NOMINAL, False)] == [50.0, 40.0]
     assert [s.chi2 for s in _bands(0, on(MODE), NOMINAL, False)] == [40.0]
     assert _bands(0, on({"friction": {"force": 0.02}}), NOMINAL, False) == []
+
+
+@pytest.mark.parametrize(("frequency", "foot"), [(49.91, True), (48.9, False)])
+def test_a_rotation_beside_the_mains_is_not_their_foot(frequency, foot):
+    """Two seconds resolve half a hertz."""
+    record = SimpleNamespace(
+        experiment=SimpleNamespace(fundamental=10.0, recorded_per_period=1), series={"displacement": np.zeros((1, 20))}
+    )
+    problem = SimpleNamespace(parts=[SimpleNamespace(record=record)])
+    mains = Sighting(0, "pickup 50 Hz", 1, 49.93, 6e-8, 5e-10, 4e-5, 1.6e4)
+    turns = Sighting(0, "spin", 1, frequency, 6e-8, 5e-9, 4e-5, 154.0)
+    assert _is_foot(problem, turns, [mains]) == foot
+    assert not _is_foot(problem, replace(turns, record=0), [])
