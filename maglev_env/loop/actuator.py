@@ -209,9 +209,10 @@ def _tangents(
 # exponent less one, UNLOADING; RIPPLE_SQ: the way of the ripple in a step over the width, squared; PER_KNEE: one over
 # the current that saturates, 1/A; SHARPNESS: of that knee; NEARNESS: half the share with which it goes with the flux;
 # CARRIES, PULLS: what the coil carries at rest, A, and what of it pulls.
-HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, RIPPLE_SQ, PER_KNEE, SHARPNESS, NEARNESS, CARRIES, PULLS, END = (
-    rows_after(eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING RIPPLE_SQ PER_KNEE SHARPNESS NEARNESS CARRIES PULLS")
+HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, RIPPLE_SQ, _KNEE = rows_after(
+    eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING RIPPLE_SQ"
 )
+PER_KNEE, SHARPNESS, NEARNESS, CARRIES, PULLS, END = rows_after(_KNEE, "PER_KNEE SHARPNESS NEARNESS CARRIES PULLS")
 STILL = 1e-24  # least square of a relative way in a step: nothing is divided by zero, and nothing forgotten
 
 
