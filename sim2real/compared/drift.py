@@ -19,10 +19,9 @@ from sim2real.compared.whole_gain import GAIN, times_gain, with_more_gain
 from sim2real.recorded.drifting import DRIFTING, middle
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.wander import straightened
+from sim2real.recorded.wander import LEAST, from_middle, straightened
 
 DRIFT = "drift"
-LEAST = 3  # periods below which a trend cannot be told from noise
 STEP = 0.01  # relative change of the gain for its derivative
 FALSE_ALARM = 1e-4
 NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
@@ -160,7 +159,7 @@ def trends(record: Record, part: Part, first: int = 0) -> tuple[np.ndarray, np.n
     periods = part.opened.residuals(record.periods["displacement"], record.periods.get("current"))[first:]
     slopes, rest = straightened(periods)
     count = len(periods)
-    at = np.arange(count) - (count - 1) / 2
+    at = from_middle(count)
     own = (abs(rest) ** 2).sum(axis=0) / (count - 2)
     kernel, inside = np.ones(2 * NEIGHBOURS + 1), slice(NEIGHBOURS, -NEIGHBOURS)  # also of fewer lines than that
     lines = np.convolve(np.ones(own.shape[-1]), kernel)[inside]

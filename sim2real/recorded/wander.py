@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from scipy import stats
 
-LEAST = 3  # periods below which a level that wanders cannot be told from noise
+LEAST = 3  # periods below which a trend cannot be told from noise
 LOWEST = 10  # lines of a period whose scatter is taken for that of its mean
 SURELY = 1e-5  # probability that noise alone makes a level seem to wander, or lines to fade
 # Power of the slope of an excited line in that of another line: a transient has a slope on every line, a gain that
@@ -15,9 +15,14 @@ SURELY = 1e-5  # probability that noise alone makes a level seem to wander, or l
 ON_EXCITED = 10.0
 
 
+def from_middle(count: int) -> np.ndarray:
+    """Times (count,) of periods from the middle of all of them, in periods."""
+    return np.arange(count) - (count - 1) / 2
+
+
 def straightened(periods: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The slope per period of values (P, ...) of each period, and the values without their straight line over time."""
-    at = np.arange(len(periods)) - (len(periods) - 1) / 2
+    at = from_middle(len(periods))
     slope = np.tensordot(at, periods, 1) / (at @ at)
     return slope, periods - periods.mean(axis=0) - np.multiply.outer(at, slope)
 
@@ -34,7 +39,7 @@ def without_wander(values: np.ndarray, per_period: int) -> np.ndarray:
     periods = values.reshape(len(values), count, per_period)
     lines = scipy.fft.rfft(periods, axis=2)[..., : LOWEST + 1].swapaxes(0, 1) / per_period
     slope, rest = straightened(lines)
-    at, freedom = np.arange(count) - (count - 1) / 2, 2 * LOWEST * (count - 2)
+    at, freedom = from_middle(count), 2 * LOWEST * (count - 2)
     # Noise has at zero, where it is real, the power of that of a line, which is complex.
     sd = np.sqrt((abs(rest[..., 1:]) ** 2).sum(axis=(0, 2)) / (LOWEST * (count - 2)) / (at @ at))
     level = slope[:, 0].real
@@ -75,7 +80,7 @@ def without_leak(
 def _fade(periods: np.ndarray, excited: np.ndarray) -> bool:
     """Whether the excited lines (n,) of one channel (P, axes, n) surely grow or fade, and others do not."""
     slope, rest = straightened(periods)
-    at, freedom = np.arange(len(periods)) - (len(periods) - 1) / 2, len(periods) - 2
+    at, freedom = from_middle(len(periods)), len(periods) - 2
     power = abs(slope) ** 2
     noise = (abs(rest) ** 2).sum(axis=0).mean(axis=-1) / freedom / (at @ at)
     by_chance = stats.f.isf(SURELY, 2 * int(excited.sum()), 2 * excited.size * freedom) * noise
