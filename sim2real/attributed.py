@@ -6,11 +6,13 @@ behind that no noise makes them probable keep the parameters that they had.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from estimation.lines.tones import Tone
 from sim2real.compared.bench_noise import BenchNoise
-from sim2real.compared.open_tones import toned
+from sim2real.compared.open_tones import resolution_of, toned
 from sim2real.compared.problem import Problem
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import evidence_of
@@ -18,13 +20,34 @@ from sim2real.judgement.judge import reach
 from sim2real.judgement.nonstationary import widening
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
+from sim2real.recorded.tones import origin
 from sim2real.search.attribute import attribute
-from sim2real.search.candidates import NO_GAP, Attribution
+from sim2real.search.candidates import NO_GAP, Attribution, Candidate
+from sim2real.search.fit import Fit
 from sim2real.search.fitting import differentiate
+from sim2real.search.hypotheses import RESONANCES
 
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 MARGIN = 2.0  # times the cost that makes a candidate hopeless: what another noise and a refit may change of it
 QUIETER = 1.5  # times by which noise may have been taken too large
+
+
+class Settled(NamedTuple):
+    """Problems and attribution under the noise that the best fit leaves.
+
+    Attributes:
+        fitted: What is fitted.
+        judged: What the gap is judged on.
+        attribution: Of what is fitted.
+        again: What is fitted, under the noise that the last best fit leaves, where that is hardly another one.
+        louder: How many times as loud that noise is taken as it looks.
+    """
+
+    fitted: Problem
+    judged: Problem
+    attribution: Attribution
+    again: Problem
+    louder: float
 
 
 def attributed(
@@ -52,17 +75,10 @@ def attributed(
     attribution = attribute(fitted, progress)
     if not any(isinstance(r, OpenRecord) for r in records):
         return fitted, judged, attribution, []
-    # The noise of a record without a period is what a good simulation leaves of it.
-    again, judged, louder = _with_noise_of_best(fitted, judged, attribution)
-    if _other_noise(fitted, again) or _other_nuisances(fitted, again):
-        fitted, attribution = again, attribute(again, progress, attribution, _reach(attribution))
-        # What the first fits could not simulate may have been taken for noise that the later ones do not leave.
-        again, later, less = _with_noise_of_best(fitted, judged, attribution)
-        if _quieter(fitted, again):
-            judged, louder = later, less
-            fitted, attribution = again, attribute(again, progress, attribution, _reach(attribution))
-        else:
-            again = fitted
+    settled = _settled(fitted, judged, attribution, progress)
+    if (instead := _with_tones_for_modes(settled, progress)) is not None:
+        settled = instead
+    fitted, judged, attribution, again, louder = settled
     notes = []
     if bounded := [p.record.name for p in again.parts if bench.reached(p.record, p.opened.outputs, p.noise)]:
         notes.append(
@@ -77,6 +93,21 @@ def attributed(
     return fitted, judged, attribution, notes
 
 
+def _settled(fitted: Problem, judged: Problem, attribution: Attribution, progress: Callable[[str], None]) -> Settled:
+    """Fit again, once or twice, under the noise that the best fit leaves."""
+    again, judged, louder = _with_noise_of_best(fitted, judged, attribution)
+    if _other_noise(fitted, again) or _other_nuisances(fitted, again):
+        fitted, attribution = again, attribute(again, progress, attribution, _reach(attribution))
+        # What the first fits could not simulate may have been taken for noise that the later ones do not leave.
+        again, later, less = _with_noise_of_best(fitted, judged, attribution)
+        if _quieter(fitted, again):
+            judged, louder = later, less
+            fitted, attribution = again, attribute(again, progress, attribution, _reach(attribution))
+        else:
+            again = fitted
+    return Settled(fitted, judged, attribution, again, louder)
+
+
 def _reach(attribution: Attribution) -> np.ndarray:
     """Cost above the best within which each candidate may still matter under another noise."""
     # By the constants of the code, so that evidence does not depend on the judge that learns from it.
@@ -89,18 +120,61 @@ def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attributi
 
     A tone that stands far above the noise may be hidden by what the nominal simulation leaves of its window.
     """
-    best = min(attribution.candidates, key=lambda c: c.predictive).fit
-    near = best.hypothesis.point(best.u)
+    best = _best(attribution).fit
     # What only a further effect is uncertain by, which explains hardly more, is no noise of the rest.
     plain = attribution.simplest.fit
     for fit in (best, plain):
         if fit.jacobian is None:  # it was far behind before, and only simulated
             differentiate([fit], fitted.data, fitted.simulate, True)
     louder = float(widening(fitted, plain).max(initial=1.0))
+    return *_with_noise_of(fitted, judged, best, louder), louder
+
+
+def _with_noise_of(fitted: Problem, judged: Problem, fit: Fit, louder: float = 1.0) -> tuple[Problem, Problem]:
+    """Both problems with the noise and the tones that a fit leaves."""
+    near = fit.hypothesis.point(fit.u)
     own = {p.record.name: p.record for p in (*fitted.parts, *judged.parts)}
     own = dict(zip(own, toned([*own.values()], near), strict=True))
-    again = [p.again(near, louder, [own[part.record.name] for part in p.parts]) for p in (fitted, judged)]
-    return again[0], again[1], louder
+    fitted, judged = (p.again(near, louder, [own[part.record.name] for part in p.parts]) for p in (fitted, judged))
+    return fitted, judged
+
+
+def _best(attribution: Attribution) -> Candidate:
+    return min(attribution.candidates, key=lambda c: c.predictive)
+
+
+def _with_tones_for_modes(settled: Settled, progress: Callable[[str], None]) -> Settled | None:
+    """The same with tones in place of the modes of the best fit, where these explain the recordings better; else None.
+
+    A vibration from outside in the band of a drive looks like a mode that rings for ever, of which a fit makes a
+    resonance before anybody looks for tones.
+    """
+    attribution = settled.attribution
+    best = _best(attribution)
+    modes = set(RESONANCES).intersection(best.effects)
+    rest = attribution.of(*(name for name in best.effects if name not in modes))
+    if not modes or rest is None or not np.isfinite(rest.fit.cost):
+        return None
+    fitted, judged = _with_noise_of(settled.fitted, settled.judged, rest.fit)
+    if all(not _tones(part.record) for part in fitted.parts):
+        return None
+    found = attribute(fitted, progress, attribution, _reach(attribution))
+    if _surprise(fitted, found) >= _surprise(settled.fitted, attribution):
+        return None
+    return _settled(fitted, judged, found, progress)
+
+
+def _tones(record: Record | OpenRecord) -> Sequence[Tone]:
+    """Tones of a record without a period that neither the mains nor the rotation makes."""
+    if not isinstance(record, OpenRecord):
+        return ()
+    spacing, speed = resolution_of(record), record.experiment.speed_rpm
+    return [tone for tone in record.tones if origin(tone.frequency, speed, spacing) is None]
+
+
+def _surprise(problem: Problem, attribution: Attribution) -> float:
+    """-2 ln likelihood of the best candidate, with the noise that was told from what it leaves."""
+    return _best(attribution).predictive + 4.0 * float(sum(np.log(part.noise).sum() for part in problem.parts))
 
 
 def _quieter(old: Problem, new: Problem) -> bool:

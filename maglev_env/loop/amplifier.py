@@ -22,7 +22,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "1 / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T)",
         "command and current",
         ("magnets",),
-        form_share=0.005,
+        form_share=0.0005,  # its fits have a dead time and a feedback
         plain_kernel=("feedback",),
     ),
     "amplifier_voltage_limit": EffectCard(

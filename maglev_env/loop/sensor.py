@@ -28,7 +28,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         first_order(),
         "a second probe pole 1 / (1 + s T), D eq 3.20",
         "force and displacement",
-        form_share=0.005,
+        form_share=0.0015,
     ),
     "sensor_resonance": EffectCard(
         "sensor",
@@ -47,7 +47,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "force and displacement across the resonance",
         flexible=True,
         resonance=True,
-        form_share=0.003,
+        form_share=0.001,
     ),
     "runout": EffectCard(
         "sensor",

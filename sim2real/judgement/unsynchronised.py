@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
@@ -12,6 +13,11 @@ from sim2real.recorded.tones import HARMONICS, MAINS, NEAR
 
 FORM = 0.05  # relative error of an amplitude that its model may make
 BAND = 1 / 6  # octaves to either side within which the tones of a vibration may lie
+OF_BEARING = 0.1  # share of the tone at the speed of rotation that a bearing may turn into one at twice the speed
+# Cost (-2 ln likelihood ratio) at most of a tone at twice the speed for an unbalance, which makes none. A shaft that is
+# not equally stiff all around makes one of its weight, and a coupling that is not aligned, so it is no proof.
+TWICE_PER_TURN = 8.0
+BY_NOISE = 0.01  # probability that noise shows as much there as does not count
 
 
 def evidence(found: list[Sighting]) -> dict[str, float]:
@@ -24,10 +30,10 @@ def evidence(found: list[Sighting]) -> dict[str, float]:
 
 
 def spin_costs(problem: Problem, found: list[Sighting]) -> dict[str, float]:
-    """Cost of explaining the tones at the rotation frequency by "runout" and by "unbalance".
+    """Cost of explaining the tones of the rotation by "runout" and by "unbalance".
 
-    A runout gives the same reading at every speed; an unbalance is a force that grows with the square of the speed.
-    Harmonics are not used, because a bearing produces them from either.
+    A runout gives the same reading at every speed; an unbalance is a force that grows with the square of the speed. A
+    surface that is not round shows at twice the speed as well, an unbalance only what the bearing makes of it.
     """
     own = [s for s in found if s.family == "spin" and s.harmonic == 1]
     if not own:
@@ -37,7 +43,17 @@ def spin_costs(problem: Problem, found: list[Sighting]) -> dict[str, float]:
     weight = 1 / (sd**2 + (FORM * size) ** 2)
     speed = np.array([problem.parts[s.record].record.experiment.speed_rpm for s in own])
     force = speed**2 * np.array([s.receptance for s in own])
-    return {"runout": _misfit(size, np.ones_like(size), weight), "unbalance": _misfit(size, force, weight)}
+    twice = _twice_per_turn(own, found)
+    return {"runout": _misfit(size, np.ones_like(size), weight), "unbalance": _misfit(size, force, weight) + twice}
+
+
+def _twice_per_turn(own: list[Sighting], found: list[Sighting]) -> float:
+    """What tones at twice the speed of rotation cost that no bearing makes of those at that speed, `own`."""
+    once = {s.record: s.size for s in own}
+    twice = [s for s in found if s.family == "spin" and s.harmonic == 2 and s.record in once]
+    beyond = [max(s.size - OF_BEARING * once[s.record], 0.0) / s.sd for s in twice]
+    by_noise = float(stats.chi2.isf(BY_NOISE, 2 * len(twice))) if twice else 0.0
+    return float(np.clip(np.square(beyond).sum() - by_noise, 0.0, TWICE_PER_TURN))
 
 
 def _whole(parts: list[Sighting]) -> Sighting:

@@ -31,6 +31,7 @@ TONES: Mapping[str, int] = {  # and the value that turns their phase
     "pickup": at.MAINS_PHASE,
     "foreign_vibration": at.SHAKE_PHASE,
 }
+PURE = (at.RUNOUT_SHAPE, at.MAINS_SHAPE)  # values of a tone that are 0 where it has no harmonics
 _ROLES = ((at.BODY, at.MOUNT), (at.BODY_DAMPING, at.MOUNT_DAMPING), (at.MAINS, at.SHAKE_FREQUENCY))
 
 Values = Mapping[int, float]
@@ -259,8 +260,11 @@ def _choices(
     if known or not drawn[0]:
         yield {**drawn[0], **known}
     if name in TONES:
+        # No method knows that all runouts of this generator have harmonics: one without is a rival, too.
         for speed in {r.speed for r in detector.recordings if r.speed}:
-            yield {**drawn[0], **{index: speed / (2 * pi) for index in _ROLES[2] if index in drawn[0]}}
+            turning = {index: speed / (2 * pi) for index in _ROLES[2] if index in drawn[0]}
+            for pure in ({}, {index: 0.0 for index in PURE if index in drawn[0]}):
+                yield {**drawn[0], **turning, **pure}
     elif drawn[0]:
         yield from drawn
 
