@@ -29,8 +29,14 @@ from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, raren
 from sim2real.judgement.limit_not_shown import without_limit_in_words
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
-from sim2real.judgement.sightings import Sighting, may_creep, sightings
-from sim2real.judgement.unsynchronised import evidence, spin_costs, tone_parameters, vibration_costs
+from sim2real.judgement.sightings import Sighting, may_creep, of_mains, sightings
+from sim2real.judgement.unsynchronised import (
+    evidence,
+    near_rotation,
+    spin_costs,
+    tone_parameters,
+    vibration_costs,
+)
 from sim2real.judgement.untold_time import late_readings
 from sim2real.judgement.verdict import verdict
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
@@ -84,6 +90,8 @@ def diagnose(
     notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
     notes += without_limit_in_words(weighed.evidence, [e.candidate for e in named.kept if e.candidate is not None])
     notes += named.notes
+    if any("foreign_vibration" in e.effects for e in named.kept):
+        notes += near_rotation(fitted, weighed.seen)
     likely = likely_of(weighed.found, weighed.evidence, shipped())
     rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None
     notes += likely_in_words(likely, rare)
@@ -183,7 +191,7 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
         tones[DRIFT], causes[DRIFT] = drift.chi2, {DRIFTING: drift.left}
     if lost := seen_lost(fitted):
         tones[SEEN] = lost
-    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen), causes, drift)
+    evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen, of_mains(fitted, seen)), causes, drift)
     found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)
     excused = allowance(evidenced)

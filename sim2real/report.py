@@ -291,5 +291,5 @@ def _or(words: list[str]) -> str:
 def _blocks(joined: str) -> str:
     if not joined:
         return "no block in particular"
-    words = {"external": "what turns with the rotor"}
+    words = {"external": "what turns with the rotor or acts from outside"}
     return " and ".join(words.get(name, f"the {name}") for name in joined.split("+"))

@@ -44,8 +44,11 @@ def as_sure(found: Sequence[Entry], before: Sequence[Entry], judge: Judge) -> li
     if not sure or not others:
         return list(found)
     was = {e.effects: e.probability for e in before}
-    share = (1 - judge.surest) / others
-    now = [replace(e, probability=judge.surest if e.effects == (UNKNOWN,) else share * was[e.effects]) for e in found]
+    left = 1 - judge.surest
+    now = [
+        replace(e, probability=judge.surest if e.effects == (UNKNOWN,) else left * (was[e.effects] / others))
+        for e in found
+    ]
     return sorted(now, key=lambda e: -e.probability)
 
 

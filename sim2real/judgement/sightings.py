@@ -17,7 +17,7 @@ from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import HARMONICS, NEAR, ON_LINE, SAME, families, origin, outstanding
+from sim2real.recorded.tones import HARMONICS, MAINS, NEAR, ON_LINE, SAME, families, origin, outstanding
 
 FOREIGN, LOUD = "foreign", "loud"
 AROUND = 12  # lines on either side above which a tone on a line must stand out
@@ -166,9 +166,21 @@ def _mixed(problem: Problem, found: list[Sighting]) -> list[Sighting]:
     return [named(s) for s in found]
 
 
+def of_mains(problem: Problem, found: list[Sighting]) -> bool:
+    """Whether mains of one frequency may make all tones of the rotation."""
+    own = [s for s in found if s.family == "spin"]
+    return any(all(_within(problem, s, {f"pickup {f:g} Hz"}) is not None for s in own) for f in MAINS)
+
+
 def _one_family(problem: Problem, found: list[Sighting]) -> list[Sighting]:
-    """Assign tones to one family where it explains them all, for a rotor that turns near the mains frequency."""
+    """Assign tones to one family where it explains them all, for a rotor that turns near the mains frequency.
+
+    What either explains is given to the rotation, of which it is asked whether the mains make it.
+    """
     present = {s.family for s in found}
+    of_rotation = {s: _within(problem, s, {"spin"}) for s in found if s.family.startswith("pickup")}
+    if "spin" not in present and of_rotation and None not in of_rotation.values():
+        return [of_rotation.get(s) or s for s in found]
     for name in ("pickup", "spin"):
         others = {family for family in present if not family.startswith(name)}
         renamed = {s: _within(problem, s, others) for s in found if s.family.startswith(name)}

@@ -13,6 +13,7 @@ from sim2real.recorded.tones import HARMONICS, MAINS, NEAR
 
 FORM = 0.05  # relative error of an amplitude that its model may make
 BAND = 1 / 6  # octaves to either side within which the tones of a vibration may lie
+SLIP = 0.05  # share of the stated speed by which a rotor may turn at another one, as a motor slips
 OF_BEARING = 0.1  # share of the tone at the speed of rotation that a bearing may turn into one at twice the speed
 # Cost (-2 ln likelihood ratio) at most of a tone at twice the speed for an unbalance, which makes none. A shaft that is
 # not equally stiff all around makes one of its weight, and a coupling that is not aligned, so it is no proof.
@@ -29,11 +30,16 @@ def evidence(found: list[Sighting]) -> dict[str, float]:
     return total
 
 
-def spin_costs(problem: Problem, found: list[Sighting]) -> dict[str, float]:
-    """Cost of explaining the tones of the rotation by "runout" and by "unbalance".
+def spin_costs(problem: Problem, found: list[Sighting], mains: bool = False) -> dict[str, float]:
+    """Cost of explaining the tones of the rotation by "runout", by "unbalance" and, where it may be, by "pickup".
 
     A runout gives the same reading at every speed; an unbalance is a force that grows with the square of the speed. A
     surface that is not round shows at twice the speed as well, an unbalance only what the bearing makes of it.
+
+    Args:
+        problem: the campaign.
+        found: all sightings.
+        mains: whether the mains may make them, too (see `of_mains`).
     """
     own = [s for s in found if s.family == "spin" and s.harmonic == 1]
     if not own:
@@ -44,7 +50,12 @@ def spin_costs(problem: Problem, found: list[Sighting]) -> dict[str, float]:
     speed = np.array([problem.parts[s.record].record.experiment.speed_rpm for s in own])
     force = speed**2 * np.array([s.receptance for s in own])
     twice = _twice_per_turn(own, found)
-    return {"runout": _misfit(size, np.ones_like(size), weight), "unbalance": _misfit(size, force, weight) + twice}
+    same = _misfit(size, np.ones_like(size), weight)
+    return {
+        "runout": same,
+        "unbalance": _misfit(size, force, weight) + twice,
+        **({"pickup": same} if mains else {}),
+    }
 
 
 def _twice_per_turn(own: list[Sighting], found: list[Sighting]) -> float:
@@ -99,6 +110,21 @@ def vibration_costs(problem: Problem, found: list[Sighting], point: Point) -> di
     }
 
 
+def near_rotation(problem: Problem, found: list[Sighting]) -> list[str]:
+    """What is said of a tone of unknown origin so near the stated speed of rotation that this may be stated wrong."""
+    said = []
+    for s in found:
+        record = problem.parts[s.record].record
+        stated = record.experiment.speed_rpm / 60
+        if s.family == FOREIGN and stated > 0 and abs(s.frequency / stated - 1) < SLIP:
+            said.append(
+                f"{record.name}: the vibration at {s.frequency:.4g} Hz is {100 * abs(s.frequency / stated - 1):.2g} % "
+                f"from the stated rotation ({60 * stated:.6g} rpm are {stated:.4g} Hz); if that is not the measured "
+                f"speed, state {60 * s.frequency:.5g} rpm: then it may be runout or unbalance"
+            )
+    return said
+
+
 def _harmonic(frequency: float, first: float) -> bool:
     """Whether a frequency is one of the first harmonics of another one, within a band."""
     return any(abs(np.log2(frequency / (n * first))) < BAND / n for n in range(2, HARMONICS + 1))
@@ -113,7 +139,7 @@ def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Map
         force = _weighed([(s.size / s.receptance, s.chi2) for s in near])
         return {"force": force, "frequency": loudest.frequency, "phase": 0.0}
     family = "spin" if effect in ("runout", "unbalance") else "pickup"
-    own = [s for s in found if s.family.startswith(family)]
+    own = [s for s in found if s.family.startswith(family)] or [s for s in found if s.family == "spin"]
     sizes = [_weighed([(s.size, s.chi2) for s in own if s.harmonic == h]) for h in range(1, HARMONICS + 1)]
     if effect == "unbalance":
         shares = [
@@ -126,8 +152,8 @@ def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Map
     first = sizes[0] if sizes[0] > 0 else max(sizes)
     parameters = {"amplitude": float(first), "harmonics": ratio, "phase": 0.0}
     if effect == "pickup":
-        mains = [f for f in MAINS if any(s.family == f"pickup {f:g} Hz" for s in own)]
-        parameters["frequency"] = mains[0] if mains else MAINS[0]
+        first_of = [s.frequency / s.harmonic for s in own if s.harmonic]
+        parameters["frequency"] = min(MAINS, key=lambda f: abs(f - first_of[0])) if first_of else MAINS[0]
     return parameters
 
 

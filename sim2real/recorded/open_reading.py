@@ -11,6 +11,7 @@ from maglev_env.kernel.blocks import prepared
 from maglev_env.kernel.driven import Drive as Run
 from maglev_env.kernel.replay import replayed
 from maglev_env.loop.axes import suffixes
+from maglev_env.loop.gains import limited
 from maglev_env.recordings.campaign import Campaign, RecordingSpec
 from maglev_env.recordings.campaign_tables import ChannelSource
 from maglev_env.recordings.left_out import TellsNothing
@@ -21,6 +22,7 @@ from sim2real.recorded.at_rest.static_evidence import can_rest, rests_of
 from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.current_by_voltage import CurrentByVoltage, current_by_voltage, driven_by_voltage
+from sim2real.recorded.drive.blows import between_blows
 from sim2real.recorded.drive.drive import Drive, Driving, drive_of
 from sim2real.recorded.drive.fed_back import fed_back
 from sim2real.recorded.drive.innovation import along_innovations
@@ -47,6 +49,7 @@ UNTOLD, UNTOLD_ALONG = 12**-0.5, 1.0
 SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
 STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a bent current between two samples
 TOP = 0.2
+NOT_MADE = 0.05  # share of a command from which on another controller made it than is stated
 PASSES = 2  # of the simulation that tells how the rotor moves between samples
 NOTHING_FREE = "nothing in it is free of the noise that its unknown controller fed back into"
 OFF_BALANCE = (
@@ -81,6 +84,9 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
     notes = list(dataset.attrs.get("notes", ()))
     if "displacement" not in channels:
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
+    if "force" in channels:
+        channels["force"], said = between_blows(channels["force"], rig.noise.force)
+        notes += [said] if said else []
     by_voltage = current_by_voltage(rig, channels, spec.sample_rate)
     if by_voltage is not None:
         channels["current"] = by_voltage.current
@@ -97,6 +103,10 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 raise TellsNothing(wrong, "correct it, or record the current in the coil")
             drive = drive_of(rig, spec, channels, known=False)
             drive = replace(drive, notes=(f"{wrong}; it is not used", *drive.notes))
+        other = _other_controller(drive, spec, channels)
+        if other is not None:
+            drive = drive_of(rig, spec, channels, known=False)
+            drive = replace(drive, notes=(other, *drive.notes))
         ticks = instants = None
         if dataset.attrs.get("resampled") and drive.source == "command" and not drive.stand_in:
             # The controller is exact at its own ticks alone; where these are not known, another stands in for it.
@@ -223,6 +233,24 @@ def _as_simulated(drive: Drive, channels: Mapping[str, np.ndarray], instants: np
             break
         driving = drive.driving(channels, instants, moved)
     return driving
+
+
+def _other_controller(drive: Drive, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) -> str | None:
+    """What is said of a command that the stated controller does not make of what drives it, all of which is recorded.
+
+    What it makes otherwise would count as an injection, and drive the simulated loop.
+    """
+    recorded = [e.kind == "recorded" and (e.at != "current" or "injection" in channels) for e in spec.excitations]
+    if drive.stand_in or drive.source != "command" or not recorded or not all(recorded):
+        return None
+    if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
+        return None
+    if (share := drive.not_made(channels)) < NOT_MADE:
+        return None
+    return (
+        f"the stated controller is not the one that made the command: {100 * share:.0f} % of it does not follow from "
+        "the recorded displacement and what drives the loop; it is not used. Check form, gains, td and the sign"
+    )
 
 
 def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:

@@ -122,6 +122,25 @@ class Drive:
         sampled = slice(None, None, self.every)
         return Driving(waves, (output + injection)[:, sampled], (injection + caused)[:, sampled])
 
+    def not_made(self, channels: Mapping[str, np.ndarray]) -> float:
+        """Share of the command's rms that the stated controller does not make of the recorded channels.
+
+        Of a command from which all that drives the loop besides is recorded.
+
+        Args:
+            channels: channel -> (axes, samples); those of reference and injection are what was added.
+        """
+        own = self.driving({kind: v for kind, v in channels.items() if kind not in ("reference", "injection")})
+        added, dt = own.waves["current"], 1 / self.experiment.rig.control_rate
+        if "injection" in channels:
+            added = added - self._between(channels["injection"])
+        if "reference" in channels:
+            of = (of_axis(self.experiment.gains, axis) for axis in range(len(added)))
+            wanted = self._between(channels["reference"])
+            still = {"displacement": np.zeros(wanted.shape[1]), "current": np.zeros(wanted.shape[1])}
+            added = added - [controller_output(c, dt=dt, reference=r, **still) for c, r in zip(of, wanted, strict=True)]
+        return float(np.max(added.std(axis=1) / np.maximum(channels["command"].std(axis=1), np.finfo(float).tiny)))
+
     def between(self, frequency: np.ndarray) -> np.ndarray:
         """Spectrum of the drive at the control rate over that of its samples, at frequencies in Hz, any shape."""
         rate = self.experiment.rig.control_rate / self.every

@@ -12,7 +12,7 @@ from sim2real.compared.point import Point, settling, together
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import residuals
 from sim2real.judgement.sightings import Sighting, _higher_harmonics, _mixed, _one_family
-from sim2real.judgement.unsynchronised import evidence, spin_costs
+from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import families, near_tones, origin, outstanding
 from sim2real.search.hypotheses import TONES
@@ -84,6 +84,22 @@ def test_a_tone_at_twice_the_speed_speaks_for_runout(second, harmonic, costs):
     found = spin_costs(_Problem(3000.0), [spin(0, 3000.0, 1e-6), spin(0, 3000.0, second, harmonic=harmonic)])
     assert found["runout"] == 0
     assert found["unbalance"] == pytest.approx(costs, rel=0.05)
+
+
+def test_what_turns_as_fast_as_the_mains_may_be_theirs():
+    """They give the same reading at every speed, as a runout does."""
+    found = [spin(0, 3000.0, 1e-6), spin(1, 3000.0, 1.2e-6)]
+    costs = spin_costs(_Problem(3000.0, 3000.0), found, mains=True)
+    assert costs["pickup"] == costs["runout"] > 0
+    assert "pickup" not in spin_costs(_Problem(3000.0, 3000.0), found)
+
+
+def test_a_vibration_near_the_stated_speed_may_be_the_rotation():
+    problem = _Problem(3000.0)
+    problem.parts[0].record.name = "run.csv"
+    (said,) = near_rotation(problem, [Sighting(0, "foreign", 1, 49.8, 1e-7, 1e-9, 1e-5, 90.0)])
+    assert "run.csv" in said and "0.4 % from" in said and "state 2988 rpm" in said
+    assert not near_rotation(problem, [Sighting(0, "foreign", 1, 61.0, 1e-7, 1e-9, 1e-5, 90.0)])
 
 
 def test_parts_of_one_tone_are_no_further_measurements_of_it():
