@@ -6,12 +6,12 @@ By exact steps of the linear rig at the controller's rate.
 import numpy as np
 import pytest
 import scipy.signal
-from test_shaken_rotor import DAMPING, KD, KP, LAG, MASS, PULL, RATE, RIG, SPRING, TD
+from test_shaken_rotor import KD, KP, LAG, MASS, PULL, RATE, RIG, SPRING, TD
 
 import sim2real
 from sim2real.recorded.records import read_records
 
-SAMPLES, GAIN = 40_000, 30.0  # the rig states 40 N/A
+SAMPLES, GAIN, DAMPING = 40_000, 30.0, 30.0  # the rig states 40 N/A
 FORCE, FREQUENCY = 1.0, 73.3
 CONTROLLER = f'form = "pid", kp = {KP}, ki = 0.0, kd = {KD}, td = {TD}'
 RECORDING = """
