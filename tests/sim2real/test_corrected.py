@@ -179,8 +179,8 @@ def test_every_verdict_has_its_sentence():
     assert sentence(lagging).endswith("; besides, the rig is not as stated: actuator_gain +20 %, 4 tolerances off.")
     pair = diagnosis(Point({**effect("delay", 2e-5), **effect("unbalance", 3e-8)}, {}), cause=("delay", "unbalance"))
     assert sentence(pair).startswith(
-        "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor; "
-        "delay time 20 µs, unbalance moment 0.03 g mm"
+        "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor or acts "
+        "from outside; delay time 20 µs, unbalance moment 0.03 g mm"
     )
 
 

@@ -89,7 +89,7 @@ def test_no_form_is_excused_a_share_of_more_than_the_motion(motion, named):
 
 def test_what_is_excused_names_no_worse_explanation():
     """A delay of a ball with which friction saves little by chance; a lag of any form leaves more than the delay."""
-    size, rest = 2e5, {"delay": 120.0, "friction": 4e4}
+    size, rest = 2e6, {"delay": 120.0, "friction": 4e5}
     found = entries(gap(size, **rest, amplifier_lag=160.0, pairs={"delay+friction": 0.0}))
     kind, cause = verdict(found)
     assert cause[0] == "delay" and kind == "ambiguous" and "amplifier_lag" in cause
