@@ -26,7 +26,7 @@ from sim2real.judgement.belief import shipped
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, rareness
-from sim2real.judgement.limit_not_shown import without_limit_in_words
+from sim2real.judgement.limit_not_shown import not_asked_in_words, without_limit_in_words
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
 from sim2real.judgement.sightings import Sighting, may_creep, of_mains, sightings
@@ -100,6 +100,8 @@ def diagnose(
     if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
         notes.append(said)
     plan = None
+    if named.verdict == "unexplained":
+        notes += not_asked_in_words(records[0].nominal)
     if named.verdict in ("ambiguous", "unexplained"):
         progress("next experiment")
         plan = propose(attribution, named.found, named.verdict == "unexplained")

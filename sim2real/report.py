@@ -72,6 +72,8 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
             continue  # the coefficients of a free correction mean nothing by themselves: it is drawn and described
         for key, value in values.items():
             at, unit = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key].unit
+            if key == "phase" and not at:
+                continue  # of a tone, which begins anew in every recording: the corrected rig keeps the default
             ended = at.get("at_bound", False)
             found.append(Correction(f"{name}.{key}", value, at.get("se"), unit, key == "change", ended))
     for name, value in diagnosis.corrected.changes.items():
