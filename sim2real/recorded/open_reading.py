@@ -103,7 +103,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 raise TellsNothing(wrong, "correct it, or record the current in the coil")
             drive = drive_of(rig, spec, channels, known=False)
             drive = replace(drive, notes=(f"{wrong}; it is not used", *drive.notes))
-        other = _other_controller(drive, spec, channels)
+        other = None if dataset.attrs.get("resampled") else _other_controller(drive, spec, channels)
         if other is not None:
             drive = drive_of(rig, spec, channels, known=False)
             drive = replace(drive, notes=(other, *drive.notes))

@@ -125,7 +125,8 @@ class Drive:
     def not_made(self, channels: Mapping[str, np.ndarray]) -> float:
         """Share of the command's rms that the stated controller does not make of the recorded channels.
 
-        Of a command from which all that drives the loop besides is recorded.
+        Of a command from which all that drives the loop besides is recorded, in the second half of a recording: what the
+        controller held when it began is forgotten by then.
 
         Args:
             channels: channel -> (axes, samples); those of reference and injection are what was added.
@@ -139,7 +140,8 @@ class Drive:
             wanted = self._between(channels["reference"])
             still = {"displacement": np.zeros(wanted.shape[1]), "current": np.zeros(wanted.shape[1])}
             added = added - [controller_output(c, dt=dt, reference=r, **still) for c, r in zip(of, wanted, strict=True)]
-        return float(np.max(added.std(axis=1) / np.maximum(channels["command"].std(axis=1), np.finfo(float).tiny)))
+        rest, whole = (series[:, series.shape[1] // 2 :].std(axis=1) for series in (added, channels["command"]))
+        return float(np.max(rest / np.maximum(whole, np.finfo(float).tiny)))
 
     def between(self, frequency: np.ndarray) -> np.ndarray:
         """Spectrum of the drive at the control rate over that of its samples, at frequencies in Hz, any shape."""
