@@ -125,8 +125,8 @@ class Drive:
     def not_made(self, channels: Mapping[str, np.ndarray]) -> float:
         """Share of the command's rms that the stated controller does not make of the recorded channels.
 
-        Of a command from which all that drives the loop besides is recorded, in the second half of a recording: what the
-        controller held when it began is forgotten by then.
+        All that drives the loop besides must be recorded. The second half of a recording is asked: what the controller
+        held when it began is forgotten by then.
 
         Args:
             channels: channel -> (axes, samples); those of reference and injection are what was added.
