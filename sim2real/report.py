@@ -71,11 +71,13 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
         if name in FREE:
             continue  # the coefficients of a free correction mean nothing by themselves: it is drawn and described
         for key, value in values.items():
-            at, unit = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key].unit
-            if key == "phase" and not at:
-                continue  # of a tone, which begins anew in every recording: the corrected rig keeps the default
+            at, parameter = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key]
+            # The phase of a tone, which begins anew in every recording, and what a further mode without a size would be
+            # are no findings.
+            if not at and (key == "phase" or parameter.added):
+                continue
             ended = at.get("at_bound", False)
-            found.append(Correction(f"{name}.{key}", value, at.get("se"), unit, key == "change", ended))
+            found.append(Correction(f"{name}.{key}", value, at.get("se"), parameter.unit, key == "change", ended))
     for name, value in diagnosis.corrected.changes.items():
         found.append(Correction(name, value, fitted.get(f"{name} (relative)", {}).get("se"), "", True))
     return tuple(found)
