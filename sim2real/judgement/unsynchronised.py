@@ -62,7 +62,8 @@ def _twice_per_turn(own: list[Sighting], found: list[Sighting]) -> float:
     """What tones at twice the speed of rotation cost that no bearing makes of those at that speed, `own`."""
     once = {s.record: s.size for s in own}
     twice = [s for s in found if s.family == "spin" and s.harmonic == 2 and s.record in once]
-    beyond = [max(s.size - OF_BEARING * once[s.record], 0.0) / s.sd for s in twice]
+    more = [(s.size - OF_BEARING * once[s.record], s.sd) for s in twice]
+    beyond = [size / sd for size, sd in more if size > 0]
     by_noise = float(stats.chi2.isf(BY_NOISE, 2 * len(twice))) if twice else 0.0
     return float(np.clip(np.square(beyond).sum() - by_noise, 0.0, TWICE_PER_TURN))
 

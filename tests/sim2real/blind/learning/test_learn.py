@@ -132,6 +132,8 @@ def test_an_unknown_cause_is_no_surer_than_it_was_right(refuted):
     assert [e.effects for e in found] == [("unknown",), ("delay",)]
     assert [e.probability for e in found] == pytest.approx([0.93, 0.07])
     assert as_sure(after, before, Judge()) == after
+    hardly = [replace(e, probability=p) for e, p in zip(before, (1.0, 5e-324), strict=True)]
+    assert [e.probability for e in as_sure(hardly, hardly, Judge(surest=0.93))] == pytest.approx([0.93, 0.07])
     named = [replace(e, probability=p) for e, p in zip(before, (0.4, 0.6), strict=True)]
     assert as_sure(named, before, Judge(surest=0.93)) == named
 
