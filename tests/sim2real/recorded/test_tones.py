@@ -11,7 +11,7 @@ from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point, settling, together
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import residuals
-from sim2real.judgement.sightings import Sighting, _higher_harmonics, _mixed, _one_family
+from sim2real.judgement.sightings import Sighting, _higher_harmonics, _mixed, _one_family, of_mains
 from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import families, near_tones, origin, outstanding
@@ -134,6 +134,9 @@ def test_near_the_mains_a_tone_is_of_one_family():
     assert _one_family(problem, both) == both
     mains = [sighting("pickup 50 Hz", 1, 50.1), sighting("pickup 60 Hz", 1, 60.0)]
     assert _one_family(problem, [*mains, sighting("spin", 1, 50.1)]) == mains
+    # What either explains is the rotor's, and may be of the mains.
+    assert _one_family(problem, mains[:1]) == [sighting("spin", 1, 50.1)]
+    assert of_mains(problem, turning) and not of_mains(problem, [*turning, sighting("spin", 1, 43.0, record=0)])
 
 
 def test_what_modes_need_to_ring_out_groups_their_lanes():
