@@ -76,10 +76,10 @@ def sightings(problem: Problem, point: Point, drifting: bool = False) -> list[Si
     # is seen in some records, a small amplitude in the others is evidence as well.
     if turning or stats.chi2.sf(sum(s.chi2 for s in rest), 2 * axes * len(rest)) < TOGETHER:
         found += rest
-    return found + [s for i in sorted(turning) for s in _twice_per_turn(i, problem.parts[i], point, found)]
+    return found + [s for i in sorted(turning) for s in _at_twice(i, problem.parts[i], point, found)]
 
 
-def _twice_per_turn(index: int, part: Part, point: Point, found: list[Sighting]) -> list[Sighting]:
+def _at_twice(index: int, part: Part, point: Point, found: list[Sighting]) -> list[Sighting]:
     """Amplitude at twice the rotation frequency of a record that shows that frequency, if it was not seen there."""
     if any(s.record == index and s.family == "spin" and s.harmonic == 2 for s in found):
         return []

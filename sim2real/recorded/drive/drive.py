@@ -125,21 +125,19 @@ class Drive:
     def not_made(self, channels: Mapping[str, np.ndarray]) -> float:
         """Share of the command's rms that the stated controller does not make of the recorded channels.
 
-        All that drives the loop besides must be recorded. The second half of a recording is asked: what the controller
-        held when it began is forgotten by then.
+        All that drives the loop besides must be recorded, and the command has no limit. The second half of a recording
+        is asked: what the controller held when it began is forgotten by then.
 
         Args:
             channels: channel -> (axes, samples); those of reference and injection are what was added.
         """
-        own = self.driving({kind: v for kind, v in channels.items() if kind not in ("reference", "injection")})
-        added, dt = own.waves["current"], 1 / self.experiment.rig.control_rate
+        added = self.driving(channels).waves["current"]  # with what the reference causes
         if "injection" in channels:
             added = added - self._between(channels["injection"])
         if "reference" in channels:
-            of = (of_axis(self.experiment.gains, axis) for axis in range(len(added)))
+            gains, dt = self.experiment.gains, 1 / self.experiment.rig.control_rate
             wanted = self._between(channels["reference"])
-            still = {"displacement": np.zeros(wanted.shape[1]), "current": np.zeros(wanted.shape[1])}
-            added = added - [controller_output(c, dt=dt, reference=r, **still) for c, r in zip(of, wanted, strict=True)]
+            added = added - [referred(of_axis(gains, axis), r, dt) for axis, r in enumerate(wanted)]
         rest, whole = (series[:, series.shape[1] // 2 :].std(axis=1) for series in (added, channels["command"]))
         return float(np.max(rest / np.maximum(whole, np.finfo(float).tiny)))
 
