@@ -104,7 +104,7 @@ def diagnose(
         notes += not_asked_in_words(records[0].nominal)
     if named.verdict in ("ambiguous", "unexplained"):
         progress("next experiment")
-        plan = propose(attribution, named.found, named.verdict == "unexplained")
+        plan = propose(attribution, named.found, weighed.seen, named.verdict == "unexplained")
     left, partial = None, attribution.calibration
     if named.verdict == "unexplained":
         progress("what is left")

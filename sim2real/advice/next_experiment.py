@@ -1,6 +1,7 @@
 """What to measure next: up to three recordings of a menu that together separate what is left, for the least effort."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -8,8 +9,10 @@ import numpy as np
 from sim2real.advice.proposal import Choice, Plan, Proposal
 from sim2real.advice.recording_menu import menu
 from sim2real.advice.separation import Differences, differences, separation
+from sim2real.advice.slower_rotation import slower
 from sim2real.compared.problem import Part
 from sim2real.judgement.judge import Entry
+from sim2real.judgement.sightings import Sighting
 from sim2real.judgement.verdict import CLASS_SHARE, alternatives, with_effects
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
@@ -25,16 +28,6 @@ TURNING = {"runout", "unbalance"}  # alike at one speed of rotation
 Separation = tuple[float, tuple[Fit, ...]]  # the least of any two candidates, and these two
 Told = Callable[[Sequence[int]], Separation]  # of recordings of the menu together
 Effort = Callable[[Sequence[int]], float]
-SLOWER = (
-    0.25  # of the speed that was recorded: a free rotor above its bearing's frequency turns about its centre of mass
-)
-SLOWLY = Proposal(
-    "the same recording at a quarter of the speed of rotation",
-    "at high speed both read the same; the force of an unbalance goes with the square of the speed, a runout stays",
-    1.0,
-    None,
-    {"speed": SLOWER},
-)
 # What the kind of a change shows of a cause that is unknown, in the order in which it is asked for.
 SHOWS = {
     "channels": "shows whether it acts before the current or behind it",
@@ -44,21 +37,30 @@ SHOWS = {
 }
 
 
-def propose(attribution: Attribution, found: Sequence[Entry], unknown: bool = False) -> Plan | None:
+def propose(
+    attribution: Attribution, found: Sequence[Entry], seen: Sequence[Sighting], unknown: bool = False
+) -> Plan | None:
     """The recordings that decide best what is left; None where nothing is left to decide, or nothing decides it.
 
     Args:
         attribution: The candidates, fitted.
         found: All hypotheses with their probabilities.
+        seen: The tones that were seen.
         unknown: Whether nothing of the library explains the recordings.
     """
     if unknown:
         return _of_the_unknown(attribution)
     alike = [set(e.effects) for e in alternatives([e for e in with_effects(found) if e.probability > 0])]
-    turning = set().union(*alike) >= TURNING
-    if turning and all(names - TURNING == alike[0] - TURNING for names in alike):
-        return Plan((SLOWLY,))  # they differ in nothing else
-    return _between(attribution, found) or (Plan((SLOWLY,)) if turning else None)
+    slowly = ()
+    if set().union(*alike) >= TURNING:
+        base = attribution.simplest.fit
+        slowly = tuple(filter(None, [slower(attribution.problem, seen, base.hypothesis.point(base.u))]))
+    if slowly and all(names - TURNING == alike[0] - TURNING for names in alike):
+        return Plan(slowly)  # they differ in nothing else
+    between = _between(attribution, found)
+    if not slowly:
+        return between
+    return Plan(slowly) if between is None else replace(between, proposals=(*slowly, *between.proposals)[:MOST])
 
 
 def _base(attribution: Attribution) -> Part:

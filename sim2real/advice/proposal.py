@@ -35,7 +35,7 @@ class Proposal:
         why: The reason.
         effort: See `Choice`.
         expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it separates least, together
-            with the proposals before it; None where it is not computed, as of a slower rotation.
+            with the proposals before it; None where it is not computed, as of an unknown cause.
         change: See `Choice`.
         of: Name of the recording that it repeats; empty where any will do.
     """

@@ -107,9 +107,10 @@ def toned(records: Sequence[Record | OpenRecord], near: Point = NOMINAL) -> list
 
     A tone of known origin is believed, and one that another record has at the same frequency: a resonance that the
     model lacks looks a little different in every record. A slow one, for which a drift may pass, must be in two records
-    in any case. The record that tells the frequency of a tone best tells it for all. Where a record shows a tone, the
-    others are looked at again there, and those that turn at another speed where the rotation makes it: at one known
-    frequency, noise passes for a tone far less often than anywhere in a record.
+    in any case, one of the rotation at the speed of each. The record that tells the frequency of a tone best tells it
+    for all. Where a record shows a tone, the others are looked at again there, and those that turn at another speed
+    where the rotation makes it: at one known frequency, noise passes for a tone far less often than anywhere in a
+    record.
     """
     searched = [_searched(r, near) if isinstance(r, OpenRecord) else (r, None) for r in records]
     own = [record for record, _ in searched]
@@ -176,7 +177,10 @@ def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
 
     def kept(record: OpenRecord, tone: Tone) -> bool:
         spacing, own = resolution_of(record), frequency_sd(record, tone)
-        others = ((t, frequency_sd(r, t)) for r in records if r is not record for t in r.tones)
+        others = [(t, frequency_sd(r, t)) for r in records if r is not record for t in r.tones]
+        others += [
+            (replace(tone, frequency=f), own) for f in _turning(record, [s for s in shown if s[0] is not record])
+        ]
         known = origin(tone.frequency, record.experiment.speed_rpm, spacing) is not None
         fast = tone.frequency >= WIDTH * spacing
         return (known and fast) or any(_same(record, tone, own, *other) for other in others)

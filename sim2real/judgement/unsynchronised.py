@@ -1,6 +1,6 @@
 """Evidence of tones: mains pickup, effects of the rotation, and tones that nothing known explains."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,10 +41,9 @@ def spin_costs(problem: Problem, found: list[Sighting], mains: bool = False) -> 
         found: all sightings.
         mains: whether the mains may make them, too (see `of_mains`).
     """
-    own = [s for s in found if s.family == "spin" and s.harmonic == 1]
+    own = once_per_turn(found)
     if not own:
         return {"runout": 0.0, "unbalance": 0.0}
-    own = [_whole([s for s in own if s.record == record]) for record in sorted({s.record for s in own})]
     size, sd = np.array([s.size for s in own]), np.array([s.sd for s in own])
     weight = 1 / (sd**2 + (FORM * size) ** 2)
     speed = np.array([problem.parts[s.record].record.experiment.speed_rpm for s in own])
@@ -56,6 +55,12 @@ def spin_costs(problem: Problem, found: list[Sighting], mains: bool = False) -> 
         "unbalance": _misfit(size, force, weight) + twice,
         **({"pickup": same} if mains else {}),
     }
+
+
+def once_per_turn(found: Sequence[Sighting]) -> list[Sighting]:
+    """The tone at the speed of rotation of each record that has one."""
+    own = [s for s in found if s.family == "spin" and s.harmonic == 1]
+    return [_whole([s for s in own if s.record == record]) for record in sorted({s.record for s in own})]
 
 
 def _twice_per_turn(own: list[Sighting], found: list[Sighting]) -> float:

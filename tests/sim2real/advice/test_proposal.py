@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from sim2real.advice import next_experiment as own
-from sim2real.advice import separation
+from sim2real.advice import separation, slower_rotation
 from sim2real.advice.recording_menu import Item
 from sim2real.judgement.judge import Entry
+from sim2real.judgement.sightings import Sighting
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate
 from sim2real.search.hypotheses import Hypothesis
 
 NAMES = ("mass", "actuator_gain", "sensor_gain")
-NEVER = SimpleNamespace(candidates=())  # asked for no fit
 
 
 def of(names, probability, candidate=None):
@@ -43,14 +43,43 @@ def asked(monkeypatch):
     attribution = Attribution(0.0, tuple(map(Candidate, [*calibration, *fits])), 80.0, problem)
     monkeypatch.setattr(own, "menu", lambda _: [Item("another", 1.0, None, ("plant",), {"amplitude": 2.0})])
     monkeypatch.setattr(separation, "look", lambda *_: (SimpleNamespace(smoothed=simulate), np.ones(40)))
-    return lambda *found: own.propose(attribution, found)
+    return lambda *found: own.propose(attribution, found, ())
 
 
-def test_another_speed_is_for_what_differs_in_nothing_but_what_turns():
+def turned(monkeypatch, hidden=(), noise=1e-9):
+    """A 1 kg rotor on 3,000 N/m that reads 1 um at 3,000 rpm, in records whose lines hide some frequencies (Hz)."""
+
+    def seen(frequency):
+        receptance = 1 / (3000.0 + (2 * np.pi * frequency) ** 2)
+        return Sighting(0, "spin", 1, frequency, 1e-6, noise, receptance, 1e3)
+
+    monkeypatch.setattr(slower_rotation, "seen_at", lambda index, part, point, f: [] if f in hidden else [seen(f)])
+    record = SimpleNamespace(experiment=SimpleNamespace(speed_rpm=3000.0), name="turning")
+    base = SimpleNamespace(fit=SimpleNamespace(hypothesis=Hypothesis((), {}), u=np.zeros(0)))
+    problem = SimpleNamespace(parts=(SimpleNamespace(record=record),))
+    return SimpleNamespace(candidates=(), simplest=base, problem=problem), [seen(50.0)]
+
+
+def test_another_speed_is_for_what_differs_in_nothing_but_what_turns(monkeypatch):
+    """The bearing's frequency is 8.7 Hz: at 25 Hz the unbalance reads 89 % as much as the runout, at 4.2 Hz 19 %."""
     found = [of("delay+unbalance", 0.5, 1), of("delay+runout", 0.4, 1), of("sensor_lag+unbalance", 0.01, 2)]
-    (proposed,) = own.propose(NEVER, found).proposals
-    assert proposed.change == {"speed": 0.25}
-    assert proposed.expected_separation is None  # nothing was simulated
+    (proposed,) = own.propose(*_in_turn(turned(monkeypatch), found)).proposals
+    assert proposed.change == {"speed": 1 / 12} and proposed.of == "turning"
+    share = (2 * np.pi * 50 / 12) ** 2 / (3000 + (2 * np.pi * 50 / 12) ** 2)
+    whole = (2 * np.pi * 50) ** 2 / (3000 + (2 * np.pi * 50) ** 2)
+    assert proposed.expected_separation == pytest.approx(((1 - share / whole) / 0.05) ** 2, rel=1e-3)
+
+
+def _in_turn(rig, found):
+    attribution, seen = rig
+    return attribution, found, seen
+
+
+def test_a_speed_at_which_a_line_hides_the_tone_is_not_proposed(monkeypatch):
+    found = [of("unbalance", 0.5, 0), of("runout", 0.5, 0)]
+    (proposed,) = own.propose(*_in_turn(turned(monkeypatch, hidden=(50 / 12,)), found)).proposals
+    assert proposed.change == {"speed": 1 / 16}
+    assert own.propose(*_in_turn(turned(monkeypatch, hidden=[50 * s for s in slower_rotation.SHARES]), found)) is None
 
 
 def test_what_turns_is_no_question_where_the_class_agrees_about_it(asked):
@@ -60,10 +89,11 @@ def test_what_turns_is_no_question_where_the_class_agrees_about_it(asked):
     assert proposed.what == "another" and proposed.why.endswith("tells mass from actuator_gain")
 
 
-def test_another_speed_is_proposed_where_no_fits_differ():
+def test_another_speed_is_proposed_where_no_fits_differ(monkeypatch):
     """What turns beside calibration alone has no fit of its own."""
     found = [of("unbalance", 0.5, 0), of("runout+pickup", 0.5, 0)]
-    assert own.propose(NEVER, found) == own.Plan((own.SLOWLY,))
+    (proposed,) = own.propose(*_in_turn(turned(monkeypatch), found)).proposals
+    assert proposed.change == {"speed": 1 / 12}
 
 
 def test_candidates_that_were_only_simulated_are_told_apart_too_and_the_nearest_are_named(asked):
@@ -109,7 +139,7 @@ def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(mo
     kinds = ({"amplitude": 2.0}, {"channels": ["current"]}, {"gains": [0.8, 1.3]}, {"excitation": {}})
     monkeypatch.setattr(own, "menu", lambda _: [Item(str(k), 1.0, None, ("plant",), k) for k in kinds])
     part = SimpleNamespace(record=SimpleNamespace(name="a.npz"))
-    plan = own.propose(SimpleNamespace(problem=SimpleNamespace(parts=(), loudest=part)), [], unknown=True)
+    plan = own.propose(SimpleNamespace(problem=SimpleNamespace(parts=(), loudest=part)), [], [], unknown=True)
     assert [tuple(p.change) for p in plan.proposals] == [("channels",), ("amplitude",), ("gains",)]
     assert [c.change for c in plan.menu] == list(kinds) and all(
         p.expected_separation is None and p.of == "a.npz" for p in plan.proposals
