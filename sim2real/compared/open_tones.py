@@ -178,9 +178,8 @@ def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
     def kept(record: OpenRecord, tone: Tone) -> bool:
         spacing, own = resolution_of(record), frequency_sd(record, tone)
         others = [(t, frequency_sd(r, t)) for r in records if r is not record for t in r.tones]
-        others += [
-            (replace(tone, frequency=f), own) for f in _turning(record, [s for s in shown if s[0] is not record])
-        ]
+        turning = _turning(record, [(r, t.frequency) for r in records if r is not record for t in r.tones])
+        others += [(replace(tone, frequency=f), own) for f in turning]
         known = origin(tone.frequency, record.experiment.speed_rpm, spacing) is not None
         fast = tone.frequency >= WIDTH * spacing
         return (known and fast) or any(_same(record, tone, own, *other) for other in others)
