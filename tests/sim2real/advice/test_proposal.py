@@ -77,7 +77,7 @@ def _in_turn(rig, found):
 
 def test_a_speed_at_which_a_line_hides_the_tone_is_not_proposed(monkeypatch):
     found = [of("unbalance", 0.5, 0), of("runout", 0.5, 0)]
-    (proposed,) = own.propose(*_in_turn(turned(monkeypatch, hidden=(50 / 12,)), found)).proposals
+    (proposed,) = own.propose(*_in_turn(turned(monkeypatch, hidden=(1 / 12 * 50,)), found)).proposals
     assert proposed.change == {"speed": 1 / 16}
     assert own.propose(*_in_turn(turned(monkeypatch, hidden=[50 * s for s in slower_rotation.SHARES]), found)) is None
 
