@@ -26,6 +26,7 @@ from sim2real.recorded.along_motion import AlongMotion
 from sim2real.recorded.at_rest.static_evidence import Rests
 from sim2real.recorded.at_rest.weight_law import lacking_in_words
 from sim2real.recorded.channel_errors import ChannelError
+from sim2real.recorded.static_load import Load
 
 SETTLING = 8.0  # time constants of the nominal closed loop that are simulated but not compared
 LONGEST_SETTLING = 0.2  # of a record
@@ -64,8 +65,7 @@ class OpenRecord:
         rests: what its means say of a suspended mass; None: nothing.
         lacks: what the mean of its source lacked of carrying the weight, A, and was added, because nobody says how well
             the zeros of the channels are known; None: the mean is evidence, or there is no weight.
-        load: (axes,), constant force with which a rotor between opposed magnets is simulated to rest where it was
-            recorded, N; None: none.
+        load: with which a rotor between opposed magnets is simulated to rest where it was recorded; None: none.
         bias: (axes, n), what noise in the drive may add to the opened displacement; None: nothing.
         unsure: name -> (axes, n), standard deviations of that bias; one of the same name is the same in all recordings.
         told: (n,) whether a coordinate is compared; None: all are.
@@ -95,7 +95,7 @@ class OpenRecord:
     source: str | None = None
     rests: Rests | None = None
     lacks: float | None = None
-    load: np.ndarray | None = None
+    load: Load | None = None
     bias: np.ndarray | None = None
     unsure: Mapping[str, np.ndarray] = field(default_factory=dict)
     told: np.ndarray | None = None

@@ -27,7 +27,7 @@ from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.current_by_voltage import driven_by_voltage, told_by_voltage
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.static_load import load_in_words, static_load, under_load
+from sim2real.recorded.static_load import Load, load_in_words, static_load, with_load
 from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, near_tones
 from sim2real.recorded.wander import without_leak, without_wander
@@ -60,8 +60,7 @@ class Record:
         errors: What may be wrong with its channels.
         rests: What its means say of a suspended mass; None: nothing.
         elsewhere: Frequencies (Hz) of tones of unknown origin that other recordings show.
-        load: Constant forces (axes,) with which a rotor between opposed magnets is simulated to rest where it was
-            recorded, N; None: none.
+        load: With which a rotor between opposed magnets is simulated to rest where it was recorded; None: none.
     """
 
     name: str
@@ -81,7 +80,7 @@ class Record:
     errors: tuple[ChannelError, ...] = ()
     rests: Rests | None = None
     elsewhere: tuple[float, ...] = ()
-    load: np.ndarray | None = None
+    load: Load | None = None
 
     @property
     def masked(self) -> np.ndarray:
@@ -206,11 +205,11 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     periods = {kind: kept[:, i * axes : (i + 1) * axes] for i, kind in enumerate(series)}
     periods = without_leak(periods, lines, excited, n)
     load = _load(e, channels, whole, every)
-    waves = under_load(_waves(e, channels, driven, lines, signals.hold_rate, whole, offset), load)
+    waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
     notes = (*signals.assumed, *load_in_words(load))
     notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
     start = dropped / e.fundamental
-    return Record(
+    record = Record(
         spec.name,
         spec.role,
         rig,
@@ -229,11 +228,12 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         rests_of(rig, spec, dataset),
         load=load,
     )
+    return with_load(record)
 
 
-def _load(e: Experiment, channels: Mapping[str, np.ndarray], whole: slice, every: int) -> np.ndarray | None:
-    """What constant force (axes,) the magnets lack where the rotor rests, N; None where nothing is lacking, or neither
-    current nor command tells what they pull."""
+def _load(e: Experiment, channels: Mapping[str, np.ndarray], whole: slice, every: int) -> Load | None:
+    """What the magnets lack where the rotor rests; None where nothing is lacking, or neither current nor command tells
+    what they pull."""
     told = next(((kind, held) for kind, held in (("current", False), ("command", True)) if kind in channels), None)
     if told is None:
         return None

@@ -8,10 +8,11 @@ import pytest
 from maglev_env.recordings.campaign import load_campaign
 from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.simulated import lanes_of, series_at
+from sim2real.compared.simulated import experiment_near, lanes_of, series_at
 from sim2real.diagnosis import diagnose
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
+from sim2real.recorded.static_load import balanced
 from sim2real.search import attribute
 
 MASS, GAP, BIAS, GAIN, RATE, STEPS = 2.0, 4e-4, 2.0, 50.0, 8000.0, 4
@@ -63,7 +64,7 @@ reference = {{ from = "r" }}
 """
 
 
-def _run(reference, kp, kd, load, seed, eccentric=0.0):
+def _run(reference, kp, kd, load, seed, eccentric=0.0, spring=0.0):
     """Reading, command, current and reference (samples, 4) of a PD loop, by Runge-Kutta steps."""
     rng = np.random.default_rng(seed)
     noise, h = rng.normal(0, 1.5e-7, reference.size), 1 / RATE / STEPS
@@ -73,7 +74,7 @@ def _run(reference, kp, kd, load, seed, eccentric=0.0):
         y, v, i = s
         u = y + eccentric
         pull = constant * (((BIAS + i) / (GAP - u)) ** 2 - ((BIAS - i) / (GAP + u)) ** 2)
-        return np.array([v, (pull - load - DAMPING * v) / MASS, (command - i) / LAG])
+        return np.array([v, (pull - load - spring * y - DAMPING * v) / MASS, (command - i) / LAG])
 
     s, filtered, found = np.zeros(3), 0.0, []
     for r, n in zip(reference, noise, strict=True):
@@ -131,7 +132,7 @@ def leaning(tmp_path_factory):
 def test_the_rotor_is_simulated_to_rest_where_it_was_recorded(leaning):
     _, records = read_records(load_campaign(leaning))
     for record in records:
-        assert record.load == pytest.approx([-25.0], abs=0.3)
+        assert record.load.force == pytest.approx([-25.0], abs=0.3)
         series = series_at(record, NOMINAL, lanes_of(record, [NOMINAL]))
         simulated, measured = series[0, 0, 700:].mean(), record.series["displacement"][0, 700:].mean()
         assert abs(measured) > 1e-5 and simulated == pytest.approx(measured, rel=0.02)
@@ -144,7 +145,41 @@ def test_a_rotor_that_rests_at_its_centre_has_no_load(tmp_path):
 
 def test_the_current_tells_the_load_where_an_amplifier_does_not_keep_the_mean_of_its_command(tmp_path):
     _, records = read_records(load_campaign(_campaign(tmp_path, 25.0, 0.1)))
-    assert [record.load[0] for record in records] == pytest.approx([-25.0] * 3, abs=0.1)
+    assert [record.load.force[0] for record in records] == pytest.approx([-25.0] * 3, abs=0.1)
+
+
+SPRING, STIFFER = 0.3 * STIFFNESS, 1.4
+
+
+def _held_aside(folder, offset):
+    """Steps about the centre and beside it, held by springs that are stiffer than the rig states."""
+    stated = RIG.replace("support_damping", f"support_stiffness = {SPRING}\nsupport_damping")
+    (folder / "rig.toml").write_text(stated.replace("negative_stiffness = 0.1\n", "negative_stiffness = 0.02\n"))
+    tables = ['schema = "maglev-campaign/1"\nrig = "rig.toml"\n']
+    levels = np.tile(np.repeat(8e-6 * np.array([0, 1, 0, -1, 1.5, -1.5, 0.5, -0.5]), 700), 2)
+    for seed, (role, aside) in enumerate((("fit", 0.0), ("fit", offset), ("holdout", offset / 2))):
+        own = _run(aside + levels, KP, KD, 0.0, seed, spring=STIFFER * SPRING)
+        np.savetxt(folder / f"{seed}.csv", own[700:], delimiter=",", header="y,c,i,r", comments="", fmt="%.10g")
+        tables.append(CAMPAIGN.format(name=seed, role=role, rate=RATE, kp=KP, kd=KD, td=TD))
+    (folder / "campaign.toml").write_text("".join(tables))
+    return folder
+
+
+def test_the_load_is_that_of_the_rig_near_which_a_record_is_looked_at(tmp_path):
+    """By springs that are stiffer the rotor rests where it does without any load."""
+    _, (_, record, _) = read_records(load_campaign(_held_aside(tmp_path, 6e-5)))
+    y = record.series["displacement"].mean()
+    assert record.load.force == pytest.approx([(1 - STIFFER) * SPRING * y], rel=0.05)
+    truth = Point({"support_stiffness": {"change": STIFFER - 1}}, {})
+    there = balanced(record, experiment_near(record, truth))
+    assert abs(there.load.force[0]) < 0.03 * abs(record.load.force[0])
+    assert there.waves["force"][0, 0] == pytest.approx(there.load.force[0])
+
+
+@pytest.mark.slow
+def test_beside_the_centre_a_stiffer_spring_is_not_the_magnets_stiffness(tmp_path):
+    """At the centre they are alike; what its load would be without that spring must not be taken for noise."""
+    assert diagnose(_held_aside(tmp_path, 8e-5)).cause == ("support_stiffness",)
 
 
 @pytest.mark.parametrize("load", [25.0, 0.0])
@@ -155,7 +190,7 @@ def test_a_rotor_whose_excitation_repeats_is_simulated_under_its_load(tmp_path, 
     left = {}
     for loaded in (True, False):
         if not loaded and load:
-            centred = {**record.waves, "force": record.waves["force"] - record.load[:, None]}
+            centred = {**record.waves, "force": record.waves["force"] - record.load.force[:, None]}
             record = replace(record, load=None, waves=centred)
         problem = assemble([record])
         left[loaded] = np.mean(abs(problem.data - problem.simulate([NOMINAL])[0]) ** 2) / 2
@@ -188,7 +223,7 @@ def test_a_current_with_an_offset_as_the_rig_states_lacks_no_load(tmp_path):
     folder = _campaign(tmp_path, 25.0)
     (folder / "rig.toml").write_text(RIG + f"[effects.actuator_offset]\ncurrent = {-25.0 / GAIN}\n")
     _, records = read_records(load_campaign(folder))
-    assert all(record.load is None or abs(record.load[0]) < 0.7 for record in records)
+    assert all(record.load is None or abs(record.load.force[0]) < 0.7 for record in records)
 
 
 @pytest.mark.slow
