@@ -2,24 +2,26 @@
 
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
-resonance, a stop that touches wherever the rotor is, iron that saturates far above every field, or a zero of the
-current that is off by all of the bias.
+resonance, a stop that touches wherever the rotor is, iron that saturates far above every field, a zero of the
+current that is off by all of the bias, or a lag that is a delay.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import Rig
+from sim2real.compared.point import Point
 from sim2real.search.fit import Fit
-from sim2real.search.hypotheses import NO_RESONANCE, RESONANCES
+from sim2real.search.hypotheses import NO_RESONANCE, REPLACED, RESONANCES, added_lag, dead_part
 
 STOP, FREE_PLAY = "soft_stop", 0.02  # share of the motion within which a stop must leave the rotor alone
 # Share of the field at which iron saturates that the fields in the gaps must reach. Below it a knee of any sharpness
 # bends nothing: what it does is that of a smaller force constant, which has a name of its own.
 KNEE, REACHED = "saturation", 0.1
+LAG, DEAD = "amplifier_lag", 0.5  # share of what a lag adds from which on it is the dead time in it: a delay
 
 
 def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float:
@@ -40,9 +42,19 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
     own = zip(fit.hypothesis.coordinates, fit.u, strict=False)
     if any(EFFECTS[c.effect].parameters[c.parameter].within_bias and c.at_bound(float(u)) for c, u in own):
         return np.inf
+    if LAG in fit.hypothesis.effects and _is_delay(rig, point, fit.hypothesis.effects):
+        return np.inf
     if KNEE in fit.hypothesis.effects and _never_bends(rig, point.effects[KNEE], motion, current):
         return np.inf
     return _driving_cost(fit, rig)
+
+
+def _is_delay(rig: Rig, point: Point, causes: Collection[str]) -> bool:
+    """Whether most of the time by which the amplifier lags more than stated is dead time, of which alone it would be
+    another name of a delay."""
+    stated = REPLACED[LAG]
+    whole = added_lag(point.effects, LAG, causes, rig.effects) + getattr(rig, stated) * point.changes.get(stated, 0.0)
+    return dead_part(point.effects, LAG, causes, rig.effects) > DEAD * max(whole, 0.0)
 
 
 def _never_bends(rig: Rig, knee: Mapping[str, float], motion: float, current: float) -> bool:

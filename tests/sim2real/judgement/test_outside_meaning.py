@@ -9,7 +9,7 @@ from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.judgement.outside_meaning import NO_RESONANCE, meaningless_cost
 from sim2real.search.fitting import begin, differentiate, iterate
-from sim2real.search.hypotheses import Hypothesis
+from sim2real.search.hypotheses import FORM_SHARE, Hypothesis
 
 RIG = load_rig("hmb_free")
 DAMPED = Hypothesis(("damping",), {}, scales=RIG.scales)
@@ -94,3 +94,17 @@ def test_the_bias_of_a_single_magnet_is_the_current_that_carries_the_weight():
     assert (c.low, c.high) == pytest.approx((-carries, carries), rel=1e-6)
     (fit,) = begin([h], [np.array([c.at(-2.59)])], np.zeros(3, complex), lambda p: np.zeros((len(p), 3), complex))
     assert meaningless_cost(fit, ball, 1e-4, 1.0) == np.inf
+
+
+@pytest.mark.parametrize(("dead", "shorter", "cost"), [(0.4, 0.0, 0.0), (0.6, 0.0, np.inf), (0.4, 0.3, np.inf)])
+def test_a_lag_that_is_mostly_dead_time_is_a_delay(dead, shorter, cost):
+    """Of 100 us that a lag adds, 40 may be dead time; 30 us of its poles may have stood for the stated one's."""
+    rig = replace(RIG, amplifier_time_constant=1e-4)
+    h = Hypothesis(("amplifier_lag",), {"amplifier_time_constant": 0.1}, scales=rig.scales)
+    (c,) = h.coordinates
+    u = np.array([c.at(1e-4), -10 * shorter, dead / FORM_SHARE])
+    point = h.point(u)
+    assert point.effects["delay"]["time"] == pytest.approx(dead * 1e-4)
+    assert point.changes["amplifier_time_constant"] == pytest.approx(-shorter)
+    (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
+    assert meaningless_cost(fit, rig, 1e-4, 1.0) == cost
