@@ -16,7 +16,9 @@ from sim2real.recorded.nominal import outputs_of
 from sim2real.recorded.open_record import TOP, OpenRecord
 from sim2real.recorded.records import Record
 
-OFFSET, GAINS = 0.1, (0.8, 1.3)  # offset as a share of the gap; factors on kp and kd
+GAINS = (0.8, 1.3)  # factors on kp and kd
+OFFSETS = {0.1: 1.0, 0.16: 1.1, 0.25: 1.2}  # share of the gap -> effort: farther out a touchdown is nearer
+ROOM = 0.5  # of the clearance that an offset may use
 INJECTED, LINES = 0.02, 40  # peak of a multisine in the bias current, where the rig has no protocol, and its lines
 EFFORT = {"current": 1.0, "force": 3.0}  # of an excitation there, see `Item`
 ABOVE = 0.2  # peak, in the bias current, of a multisine above the band that was driven: it hardly moves the rotor
@@ -166,10 +168,14 @@ def _above(base: Record, outputs: tuple[str, ...]) -> list[Item]:
 
 def _elsewhere(base: Record | OpenRecord, outputs: tuple[str, ...]) -> list[Item]:
     """The same at a static offset, and at other gains."""
-    offset = OFFSET * base.nominal.gap
-    moved = replace(base, waves={**base.waves, "reference": base.waves["reference"] + offset})
-    what = f"the same at a static offset of {OFFSET:.0%} of the gap, the reference recorded".replace("%", " %")
-    items = [Item(what, 1.0, moved, outputs, {"offset": offset})]
+    items = []
+    for share, effort in OFFSETS.items():
+        offset = share * base.nominal.gap
+        if offset > ROOM * base.nominal.clearance:
+            continue
+        moved = replace(base, waves={**base.waves, "reference": base.waves["reference"] + offset})
+        what = f"the same at a static offset of {100 * share:.2g} % of the gap, the reference recorded"
+        items.append(Item(what, effort, moved, outputs, {"offset": offset}))
     gains = base.experiment.gains
     if isinstance(gains, PidGains):
         kp, kd = GAINS
