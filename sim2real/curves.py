@@ -26,7 +26,7 @@ def curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
         shown = _shown(part)
         if all(key in found for key in shown):
             continue
-        nominal, after = (part.at(point).smoothed([point])[0] for point in (NOMINAL, lines))
+        nominal, after = (part.predictor.smoothed([point])[0] for point in (NOMINAL, lines))
         for (kind, axis), on in shown.items():
             if (kind, axis) not in found:
                 found[kind, axis] = _curve(part, kind, axis, on, nominal, after)

@@ -26,7 +26,6 @@ from sim2real.judgement.nonstationary import whiteness
 from sim2real.recorded.nominal import nominal_blocks
 from sim2real.recorded.open_evidence import measured_series, simulated_series
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.static_load import resting
 
 LARGEST = 3.0  # times the identified gain, that a band may show
 
@@ -100,7 +99,7 @@ def _measured(part: Part) -> bool:
 def _evidence(problem: Problem, index: int, point: Point) -> _Evidence | None:
     part = problem.parts[index]
     record = part.record
-    simulated = simulated_series(resting(record, point.effects), part.predictor.lanes([point]))[0]
+    simulated = simulated_series(record, part.predictor.lanes([point]))[0]
     if not np.isfinite(simulated).all():
         return None
     e = experiment_near(record, point)

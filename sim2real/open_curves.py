@@ -15,7 +15,6 @@ from sim2real.compared.problem import Part
 from sim2real.compared.simulated import series_at
 from sim2real.curve import FEWEST, Curve
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.static_load import resting
 
 SHARE = 0.1  # of the motion in a window that its drive must cause on the nominal rig for its response to be drawn
 ROUNDING = 1e-9  # of the strongest drive of a window: what is less is no direction of its own
@@ -35,7 +34,7 @@ def open_curves(part: Part, nominal: Point, corrected: Point) -> list[Curve]:
     drives = np.concatenate([record.driving("force"), record.coordinates(record.added)])  # (2 axes, n)
     windows = [slice(i * KEPT, (i + 1) * KEPT) for i in range(record.windows.count)]
     inverse, covariance = zip(*(_inverse(record, drives, w) for w in windows), strict=True)
-    series = [series_at(resting(record, point.effects), point) for point in (nominal, corrected)]
+    series = [series_at(record, point) for point in (nominal, corrected)]
     found = []
     for kind, own in (("receptance", 0), ("sensitivity", record.axes)):
         for axis in range(record.axes):

@@ -20,15 +20,20 @@ class Block:
         batch: inputs of the kernel.
         members: (n,), which of the experiments they are.
         force_noise: of each lane, N.
-        experiment: one of them.
+        experiments: they.
         substeps: integration steps per control sample.
     """
 
     batch: LaneBatch
     members: np.ndarray
     force_noise: np.ndarray
-    experiment: Experiment
+    experiments: tuple[Experiment, ...]
     substeps: int
+
+    @property
+    def experiment(self) -> Experiment:
+        """One of them."""
+        return self.experiments[0]
 
 
 def prepared(experiments: Sequence[Experiment], substeps: int = 1) -> list[Block]:
@@ -95,5 +100,6 @@ def blocks_of(experiments: Sequence[Experiment], substeps: int, joint: bool = Fa
             part = replace(batch, rows=batch.rows[:, s], seeds=batch.seeds[..., s])
             noise = [experiments[i].rig.noise.force for i in members[s]]
             noise += noise[-1:] * (LANES - len(noise))
-            blocks.append(Block(part, np.array(members[s]), np.array(noise), experiments[members[0]], fine))
+            own = tuple(experiments[i] for i in members[s])
+            blocks.append(Block(part, np.array(members[s]), np.array(noise), own, fine))
     return blocks

@@ -3,7 +3,7 @@
 A block of the kernel costs the same with one lane as with all, so few hypotheses of many recordings share blocks.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.controllers import with_controllers
-from maglev_env.kernel.layout import WAVE
+from maglev_env.kernel.layout import AXIS, LOADED, WAVE
 from maglev_env.kernel.state import REGULAR
 from maglev_env.kernel.blocks import Block
 from maglev_lanes.layout import LANES, row
@@ -27,11 +27,13 @@ class Drive:
         waves: (axes, samples) of "force" (N), "current" (A, added to the command) and "reference" (m), at the control
             rate.
         instants: (samples,), when each control sample is, in control steps; None: one step after another.
+        load: constant force (axes,), N, that pushes the lane of an experiment beside the waves; None: none.
     """
 
     experiment: Experiment
     waves: Mapping[str, np.ndarray]
     instants: np.ndarray | None = None
+    load: Callable[[Experiment], np.ndarray] | None = None
 
     @cached_property
     def stacked(self) -> np.ndarray:
@@ -90,14 +92,20 @@ def driven(lanes: Sequence[Block], drives: Sequence[Drive]) -> list[Driven]:
         rows = np.concatenate([b.batch.rows for b in blocks], axis=1)
         seeds = np.concatenate([b.batch.seeds for b in blocks], axis=2)
         under = [with_controllers(rows, structure, d.experiment.gains, d.experiment) for d in drives]
-        for i, own in enumerate(under):
+        experiments = [e for b in blocks for e in b.experiments]
+        for i, (own, d) in enumerate(zip(under, drives, strict=True)):
             own[row(WAVE)] = i
+            if d.load is not None:
+                rows_of = [row(LOADED) + axis * row(AXIS) for axis in range(d.experiment.rig.axes)]
+                own[rows_of] = np.transpose([d.load(e) for e in experiments])
         of_drive = np.repeat(np.arange(len(drives)), member.size)
         every, members = np.concatenate(under, axis=1), np.tile(member, len(drives))
+        every_experiment = experiments * len(drives)
         every_seed = np.tile(seeds, len(drives))
         batch = replace(first.batch, structure=replace(structure, own_waves=True))
         for start in range(0, members.size, LANES):
             at = slice(start, start + LANES)
             part = replace(batch, rows=every[:, at], seeds=every_seed[..., at])
-            found.append(Driven(replace(first, batch=part, members=members[at]), of_drive[at], members[at]))
+            block = replace(first, batch=part, members=members[at], experiments=tuple(every_experiment[at]))
+            found.append(Driven(block, of_drive[at], members[at]))
     return found

@@ -14,9 +14,9 @@ from maglev_env.loop.sensor import BEND, CROSS_BEND, FURTHER_BEND, FURTHER_CROSS
 from maglev_lanes.layout import LANES, rows_after
 
 # WAVE: which of several waves drives a lane (in the first axis); PUSHED, INJECTED, WANTED: its force (N), injection (A)
-# and reference (m) of a sample. They are used where lanes have waves of their own.
+# and reference (m) of a sample; LOADED: constant force, N. They are used where lanes have waves of their own.
 # AXIS: size of an axis, which is the offset between the axes of a lane.
-WAVE, PUSHED, INJECTED, WANTED, AXIS = rows_after(self_sensing_pieces.END, "WAVE PUSHED INJECTED WANTED")
+WAVE, PUSHED, INJECTED, WANTED, LOADED, AXIS = rows_after(self_sensing_pieces.END, "WAVE PUSHED INJECTED WANTED LOADED")
 
 
 def filter_size(order: int, of_error: bool) -> int:

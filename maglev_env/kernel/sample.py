@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from maglev_env.channels import step_channels
-from maglev_env.kernel.layout import AXIS, INJECTED, PUSHED, WANTED, WAVE, of_substep
+from maglev_env.kernel.layout import AXIS, INJECTED, LOADED, PUSHED, WANTED, WAVE, of_substep
 from maglev_env.kernel.structure import Structure
 from maglev_env.loop import amplifier, sensor
 from maglev_env.loop.controller import (
@@ -158,11 +158,11 @@ def waves_piece(s: Structure) -> Callable:
                 pushed, injected, wanted = force[at], injection[at], reference[at]
                 for i in range(W):
                     k = a * AXIS + i
-                    x[k + PUSHED], x[k + INJECTED], x[k + WANTED] = pushed, injected, wanted
+                    x[k + PUSHED], x[k + INJECTED], x[k + WANTED] = pushed + x[k + LOADED], injected, wanted
                 continue
             for i in range(W):
                 at, k = (np.int64(x[i + WAVE]) * axes + a) * samples + t, a * AXIS + i
-                x[k + PUSHED], x[k + INJECTED], x[k + WANTED] = force[at], injection[at], reference[at]
+                x[k + PUSHED], x[k + INJECTED], x[k + WANTED] = force[at] + x[k + LOADED], injection[at], reference[at]
 
     return load
 

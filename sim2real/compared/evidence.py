@@ -1,7 +1,7 @@
 """What one recording says of a point: its opened coordinates, their noise, and what is not known of them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import ringing
-from sim2real.recorded.static_load import balanced, loads_off, resting, with_load
+from sim2real.recorded.static_load import loads_off
 
 # Power that a simulation leaves of what is compared, over that of the noise, up to which a stand-in may follow it.
 NEAR = 3.0
@@ -69,16 +69,6 @@ def evidence_of(
     The errors act in proportion on the drive, but their product with a coefficient does not: a current that is late by
     half a sample hides what the gain does unless the simulation has it, too.
     """
-    record = balanced(record, experiment_near(record, near))
-    own = resting(record, near.effects)
-    found = _evidence_of(own, near, amounts, for_estimate)
-    return found if own is record else replace(found, predictor=found.predictor.driven_as(with_load))
-
-
-def _evidence_of(
-    record: Record | OpenRecord, near: Point, amounts: Mapping[str, float], for_estimate: bool
-) -> Evidence:
-    """The same of a record as it is simulated near the point."""
     if not isinstance(record, OpenRecord):
         opened = opened_loop(record)
         current = record.mean("current") if "current" in record.periods else None

@@ -26,7 +26,6 @@ from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import driven_directions, ringing_directions
-from sim2real.recorded.static_load import resting
 from sim2real.recorded.tones import origin, tone_lines, transform_of_tone
 
 LIGHT, RINGING = 0.1, 0.25  # damping ratio of a mode that rings, and octaves from it within which it does
@@ -65,7 +64,7 @@ class Residual:
 
 def residual_of(record: OpenRecord, point: Point) -> Residual | None:
     """What the simulation at a point leaves of a record; None where it touches down."""
-    predicted = series_at(resting(record, point.effects), point)
+    predicted = series_at(record, point)
     if not np.isfinite(predicted).all():
         return None
     off = measured_series(record) - predicted

@@ -25,7 +25,6 @@ from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
-from sim2real.recorded.static_load import resting, rests_otherwise, without_load
 
 NOISELESS = 1e-9  # least noise, of the largest coordinate
 
@@ -56,16 +55,6 @@ class Part:
     def looked(self) -> Predictor:
         """Predicts what is used of a record with periods."""
         return self.predictor if isinstance(self.record, OpenRecord) else self.predictor.at(self.used)
-
-    def at(self, point: Point) -> Predictor:
-        """Predicts all lines of the record at a point."""
-        own = resting(self.record, point.effects)
-        return self.predictor if own is self.record else self.predictor.driven_as(without_load)
-
-    @cached_property
-    def otherwise(self) -> Predictor:
-        """As `looked`, for a point that says by itself where the rotor rests."""
-        return self.looked if self.record.load is None else self.looked.driven_as(without_load)
 
     @cached_property
     def whitening(self) -> np.ndarray:
@@ -142,9 +131,9 @@ class Problem:
         with single_blas():  # the matrices of lanes are small, so several threads would only wait for each other
             nominal = self.parts[0].record.nominal
             drifts = DRIFTING in nominal.effects
-            kinds = [(drifts or DRIFTING in p.effects, rests_otherwise(p.effects)) for p in points]
-            for drifting, otherwise in sorted({*kinds}):
-                some = [i for i, kind in enumerate(kinds) if kind == (drifting, otherwise)]
+            kinds = [drifts or DRIFTING in p.effects for p in points]
+            for drifting in sorted({*kinds}):
+                some = [i for i, kind in enumerate(kinds) if kind == drifting]
                 # Recordings share lanes, but for a drift that counts by its mean over the periods of each.
                 shared: dict[tuple, list[Part]] = {}
                 for part in self.parts:
@@ -157,8 +146,7 @@ class Problem:
                     for (kind, _), parts in shared.items():
                         if kind not in prepared:
                             prepared[kind] = parts[0].predictor.lanes([points[i] for i in which], dithered)
-                        predictors = [p.otherwise if otherwise else p.looked for p in parts]
-                        predicted = residuals(predictors, prepared[kind], lasts, dithered)
+                        predicted = residuals([p.looked for p in parts], prepared[kind], lasts, dithered)
                         for part, rows in zip(parts, predicted, strict=True):
                             found[which, part.place] = part.whitened(rows)
         if self.static is not None:

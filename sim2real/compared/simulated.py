@@ -1,10 +1,9 @@
 """What a hypothesis predicts for a campaign: its lanes are simulated with each recording's own waveforms and gains."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import ceil, log
-from typing import TypeVar
 
 import numpy as np
 
@@ -31,7 +30,6 @@ from sim2real.recorded.opened import Opened
 from sim2real.recorded.records import Record
 from sim2real.recorded.ticks import substeps
 
-Driven = TypeVar("Driven", Record, OpenRecord)
 SETTLED = 3e-5  # share of its initial size to which a transient must have decayed before the evaluated period
 MOST_TRANSIENT = 12  # periods
 # What noise smooths is simulated with the noise that the rig states, averaged over DITHER_PERIODS, or over as many
@@ -166,11 +164,6 @@ class Predictor:
     def at(self, lines: np.ndarray) -> "Predictor":
         """Of these lines of a record with periods alone."""
         return Predictor(self.record, self.opened.at(lines), self.transient, lines=lines)
-
-    def driven_as(self, other: Callable[[Driven], Driven]) -> "Predictor":
-        """Of the record with other waves."""
-        replay = self.replay and replace(self.replay, record=other(self.replay.record))
-        return replace(self, record=other(self.record), replay=replay, known={})
 
     def lanes(
         self, points: Sequence[Point], dithered: bool = False, beside: frozenset[str] = frozenset()

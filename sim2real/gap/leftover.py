@@ -172,7 +172,7 @@ def _segments(part: Part, point: Point) -> tuple[tuple[float, float, float], ...
 
 def _power_of_periods(part: Part, point: Point) -> tuple[np.ndarray, Sequence[float]] | None:
     """Edges (s) and the excess power of the residual, of groups of periods."""
-    record, predicted = part.record, part.at(point).smoothed([point])[0]
+    record, predicted = part.record, part.predictor.smoothed([point])[0]
     if not np.isfinite(predicted).all():
         return None
     own = part.opened.residuals(record.periods["displacement"], record.periods.get("current"))

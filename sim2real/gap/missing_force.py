@@ -15,7 +15,6 @@ from sim2real.compared.problem import Part
 from sim2real.compared.simulated import series_at
 from sim2real.recorded.open_evidence import measured_series
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.static_load import resting
 
 BINS = 24  # of each quantity, with equally many samples
 PER_CYCLE = 4  # samples of a cycle of the highest line
@@ -111,7 +110,7 @@ _Spectra = tuple[np.ndarray, int, float, dict[str, np.ndarray]]  # lines, sample
 
 def _periodic_spectra(part: Part, point: Point) -> _Spectra | None:
     record, opened, used = part.record, part.opened, part.used
-    predicted = part.at(point).smoothed([point])[0]
+    predicted = part.predictor.smoothed([point])[0]
     if not np.isfinite(predicted).all():
         return None
     plant = opened.outputs.index("plant")
@@ -132,7 +131,7 @@ def open_residual(part: Part, point: Point) -> tuple[np.ndarray, np.ndarray] | N
         touches down.
     """
     record, loop = part.record, part.predictor.replay.loop
-    series = series_at(resting(record, point.effects), point)
+    series = series_at(record, point)
     if not np.isfinite(series).all():
         return None
     off = measured_series(record) - series

@@ -342,7 +342,7 @@ def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
     record = part.record
     if not record.masked.any():
         return []
-    predicted = part.at(point).smoothed([point])[0]
+    predicted = part.predictor.smoothed([point])[0]
     if not np.isfinite(predicted).all():
         return []
     plant = part.opened.outputs.index("plant")

@@ -30,7 +30,7 @@ from sim2real.recorded.drive.instrument import along_instruments
 from sim2real.recorded.drive.log_filter import WITHIN, corner_of_log, in_words, smoothing
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
-from sim2real.recorded.static_load import load_in_words, static_load, with_load
+from sim2real.recorded.static_load import load_in_words, static_load
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
 
 if TYPE_CHECKING:
@@ -179,7 +179,6 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         instants=None if instants is None else between_ticks(instants, drive.every),
         notes=(*notes, *drive.notes, *stretch.notes, *load_in_words(load)),
     )
-    record = with_load(record)
     if not drive.stand_in or drive.source is None:
         return record
     read = drive.source if by_voltage is None else "voltage"  # the recorded channel of which something may be stated

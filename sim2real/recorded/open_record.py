@@ -168,7 +168,7 @@ class OpenRecord:
     @property
     def drive(self) -> Drive:
         """What its simulation runs under."""
-        return Drive(self.experiment, self.waves, self.instants)
+        return Drive(self.experiment, self.waves, self.instants, self.load)
 
     @cached_property
     def drives(self) -> np.ndarray:

@@ -27,7 +27,7 @@ from sim2real.recorded.channel_errors import ChannelError, channel_errors
 from sim2real.recorded.current_by_voltage import driven_by_voltage, told_by_voltage
 from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.static_load import Load, load_in_words, static_load, with_load
+from sim2real.recorded.static_load import Load, load_in_words, static_load
 from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, near_tones
 from sim2real.recorded.wander import without_leak, without_wander
@@ -95,7 +95,7 @@ class Record:
     @cached_property
     def drive(self) -> Drive:
         """What its simulation runs under."""
-        return Drive(self.experiment, self.waves)
+        return Drive(self.experiment, self.waves, load=self.load)
 
     @property
     def count(self) -> int:
@@ -209,7 +209,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     notes = (*signals.assumed, *load_in_words(load))
     notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
     start = dropped / e.fundamental
-    record = Record(
+    return Record(
         spec.name,
         spec.role,
         rig,
@@ -228,7 +228,6 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
         rests_of(rig, spec, dataset),
         load=load,
     )
-    return with_load(record)
 
 
 def _load(e: Experiment, channels: Mapping[str, np.ndarray], whole: slice, every: int) -> Load | None:

@@ -6,14 +6,13 @@ rests elsewhere than the rotor did has another gain and another stiffness. A loa
 hold was named an eccentricity and a stop beside it.
 
 What is lacking depends on the rig: a support that is stiffer than stated holds a rotor beside the centre with another
-force. So the load is that of the rig near which a record is looked at, and not of the nominal one.
-
-An eccentricity, or an offset of the current that pulls, is another reason to rest there: a hypothesis that has one is
-simulated without that load, of which the means then need nothing. What is left of a load beside it is a nuisance, as
+force. So every rig that is simulated gets the load that it needs to rest where the rotor did, and none of them rests
+elsewhere. An eccentricity, or an offset of the current that pulls, is another reason to rest there: a rig that has one
+is simulated without a load, of which the means then need nothing. What is left of a load beside it is a nuisance, as
 all of it is.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -25,23 +24,34 @@ from maglev_env.loop.magnets.law import ForceLaw, force, linearise
 from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
 
 ECCENTRIC, OFFSET = "eccentricity", "actuator_offset"
-RESTING = {ECCENTRIC, OFFSET}  # effects that say where a rotor rests between its magnets
+RESTING = (ECCENTRIC, OFFSET)  # effects that say where a rotor rests between its magnets
 LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
+SAMPLES = 4000  # of a motion, that tell its mean pull
 
 
 @dataclass(frozen=True)
 class Load:
-    """Constant forces with which a rotor between opposed magnets is simulated to rest where it was recorded.
+    """The constant force with which a rig between opposed magnets rests where a rotor was recorded.
 
     Args:
-        force: (axes,), N.
-        motion: What was recorded of its motion.
+        nominal: What the nominal rig needs, (axes,), N.
+        place: Displacement at some samples, (axes, n), m.
+        current: At the begin and at the end of the control steps of these samples, (2, axes, n), A.
         felt: Mean measured force, (axes,), N.
     """
 
-    force: np.ndarray
-    motion: Motion
+    nominal: np.ndarray
+    place: np.ndarray
+    current: np.ndarray
     felt: np.ndarray
+
+    def __call__(self, e: Experiment) -> np.ndarray:
+        """What the rig of an experiment needs, (axes,), N; none where an effect that it has not by itself says where it
+        rests.
+        """
+        if any(effect_value(e.effects, name) != effect_value(e.rig.effects, name) for name in RESTING):
+            return np.zeros_like(self.nominal)
+        return _lacking(e, self)
 
 
 class Loaded(Protocol):
@@ -59,8 +69,8 @@ R = TypeVar("R", bound=Loaded)
 
 
 def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> Load | None:
-    """What the nominal magnets and springs lack along a recorded motion; None where a weight is carried by a single
-    magnet, whose balance is that of its current, or where next to nothing is lacking.
+    """What magnets and springs lack along a recorded motion; None where a weight is carried by a single magnet, whose
+    balance is that of its current, or where the nominal rig lacks next to nothing.
 
     Args:
         e: The nominal experiment.
@@ -70,25 +80,27 @@ def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> Load | None:
     rig = e.rig
     if not rig.controlled:
         return None
-    laws = [law_along(e, axis) for axis in range(e.rig.axes)]
+    laws = [law_along(e, axis) for axis in range(rig.axes)]
     pairs = [law for law in laws if isinstance(law, ForceLaw)]
     if len(pairs) < len(laws):
         return None
-    found = _lacking(e, pairs, motion, felt)
-    least = np.array([LEAST * abs(linearise(law)[1]) * e.rig.gap for law in pairs])
-    return Load(found, motion, felt) if (abs(found) > least).any() else None
+    n = motion.reading.shape[1]
+    some = np.unique(np.linspace(0, n - 1, SAMPLES).round().astype(int))
+    found = Load(np.zeros(rig.axes), motion.reading[:, some], np.array(currents(e, motion))[..., some], felt)
+    found = replace(found, nominal=_lacking(e, found))
+    least = np.array([LEAST * abs(linearise(law)[1]) * rig.gap for law in pairs])
+    return found if (abs(found.nominal) > least).any() else None
 
 
-def _lacking(e: Experiment, laws: Sequence[ForceLaw], motion: Motion, felt: np.ndarray) -> np.ndarray:
+def _lacking(e: Experiment, load: Load) -> np.ndarray:
     """Forces (axes,) that magnets and springs of an experiment lack along a motion, N."""
-    begin, end = (i + effect_value(e.effects, OFFSET) for i in currents(e, motion))
-    near, y = NEAREST * e.rig.gap, motion.reading
+    near, y = NEAREST * e.rig.gap, load.place
+    current = load.current + effect_value(e.effects, OFFSET)
     centred = np.clip(y + effect_value(e.effects, ECCENTRIC), -near, near)
-    pull = [
-        np.mean([force(law, at, own) for own in both]) for law, at, *both in zip(laws, centred, begin, end, strict=True)
-    ]
+    laws = [law_along(e, axis) for axis in range(e.rig.axes)]
+    pull = [force(law, centred[axis], current[:, axis]).mean() for axis, law in enumerate(laws)]
     support = e.rig.support_stiffness * (1 + effect_value(e.effects, "support_stiffness"))
-    return (support * y + _bent_springs(e.effects, y)).mean(axis=1) - np.array(pull) - felt
+    return (support * y + _bent_springs(e.effects, y)).mean(axis=1) - np.array(pull) - load.felt
 
 
 def _bent_springs(effects: Effects, y: np.ndarray) -> np.ndarray:
@@ -100,46 +112,11 @@ def _bent_springs(effects: Effects, y: np.ndarray) -> np.ndarray:
     return effect_value(effects, "cubic_spring") * y**3 + stopped
 
 
-def balanced(record: R, e: Experiment) -> R:
-    """The record with the load that the rig of an experiment needs to rest where it was recorded."""
-    if record.load is None:
-        return record
-    laws = [law for axis in range(e.rig.axes) if isinstance(law := law_along(e, axis), ForceLaw)]
-    own = _lacking(e, laws, record.load.motion, record.load.felt)
-    waves = under_load(record.waves, own - record.load.force)
-    return replace(record, waves=waves, load=replace(record.load, force=own))
-
-
-def under_load(waves: Mapping[str, np.ndarray], load: np.ndarray) -> Mapping[str, np.ndarray]:
-    """What drives a record, by place (axes, samples), with constant forces (axes,), N, if there are any."""
-    return {**waves, "force": waves["force"] + load[:, None]}
-
-
-def without_load(record: R) -> R:
-    """The record of a rotor that rests where its own magnets balance, as one that is eccentric in them does."""
-    return record if record.load is None else replace(record, waves=under_load(record.waves, -record.load.force))
-
-
-def rests_otherwise(effects: Iterable[str]) -> bool:
-    """Whether effects say where a rotor rests, so that it needs no load for it."""
-    return not RESTING.isdisjoint(effects)
-
-
-def resting(record: R, effects: Iterable[str]) -> R:
-    """The record as it is simulated with these effects."""
-    return without_load(record) if rests_otherwise(effects) else record
-
-
-def with_load(record: R) -> R:
-    """`without_load` backwards."""
-    return record if record.load is None else replace(record, waves=under_load(record.waves, record.load.force))
-
-
 def load_in_words(load: Load | None) -> list[str]:
     """What is said of a load, if there is one."""
     if load is None:
         return []
-    sizes = ", ".join(f"{own:.2g}" for own in load.force)
+    sizes = ", ".join(f"{own:.2g}" for own in load.nominal)
     return [
         f"where the rotor rests, the nominal magnets lack a constant force of {sizes} N (a load or a weight, an "
         "eccentricity, or the zero of a channel; the means do not tell which): it is simulated with that force, "
@@ -152,7 +129,8 @@ def loads_off(record: R) -> dict[str, R]:
     if record.load is None:
         return {}
     found = {}
-    for axis, load in enumerate(record.load.force):
+    for axis, load in enumerate(record.load.nominal):
         more = np.where(np.arange(record.axes) == axis, load, 0.0)
-        found[f"static load of {record.name}, axis {axis + 1}"] = replace(record, waves=under_load(record.waves, more))
+        waves = {**record.waves, "force": record.waves["force"] + more[:, None]}
+        found[f"static load of {record.name}, axis {axis + 1}"] = replace(record, waves=waves)
     return found
