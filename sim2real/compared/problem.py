@@ -300,7 +300,7 @@ def assemble(
         evidence = evidence_of(record, near or NOMINAL, errors, for_estimate)
         # A diagnosis takes out the law's shape about what it found, which need not have the form of the stiffness.
         covered = for_estimate and isinstance(record, OpenRecord) and shows_shape(record)
-        forms = form_nuisances(record.nominal, evidence.predictor, not covered, for_estimate)
+        forms = form_nuisances(record.experiment, near or NOMINAL, evidence.predictor, not covered, for_estimate)
         unsure = {**evidence.nuisances, **forms}
         opened, measured, noise = evidence.opened, evidence.measured, evidence.noise
         if isinstance(record, OpenRecord):

@@ -18,7 +18,7 @@ from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.compared.point import NOMINAL, Point, experiment_at
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import experiment_near, series_at
-from sim2real.compared.tolerance_forms import tolerance_forms
+from sim2real.compared.tolerance_forms import LITTLE, tolerance_forms
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.records import read_records
 
@@ -128,12 +128,14 @@ def test_both_forms_of_a_tolerance_are_about_the_value_of_the_rig_s_own_effect(r
     forms |= effect("force_law", 0.5, offset=0.1) if rig is SINGLE else {}
     rig = replace(rig, tolerance={GAIN: 0.03, STIFFNESS: 0.04}, effects=forms)
     y, current = 1e-5 * rig.gap, 1e-5 * (rig.bias_current or 1.0)
-    for name, pair in tolerance_forms(rig).items():
+    e = Experiment(rig, Gains(kp=1e4, ki=0.0, kd=10.0), ())
+    for name, (*pair, deviations) in tolerance_forms(e).items():
         at_rest = [(pull(rig, p, 0.0, current) - pull(rig, p, 0.0, -current)) / current for p in (NOMINAL, *pair)]
         along = [(pull(rig, p, y, 0.0) - pull(rig, p, -y, 0.0)) / y for p in (NOMINAL, *pair)]
         moved, kept = (at_rest, along) if name == GAIN else (along, at_rest)
-        sigma = rig.tolerance[name] * (-1 if own < 0 and not (rig.name == SINGLE.name and name == STIFFNESS) else 1)
-        assert moved[1] == pytest.approx((1 + sigma) * moved[0], rel=1e-6) == moved[2]
+        more = rig.tolerance[name] * deviations
+        assert more == pytest.approx((-1 if own < 0 else 1) * LITTLE * rig.tolerance[name])
+        assert moved[1] == pytest.approx((1 + more) * moved[0], rel=1e-6) == moved[2]
         assert kept == pytest.approx([kept[0]] * 3, rel=1e-6)
         far = [pull(rig, p, 0.2 * rig.gap, 0.5 * (rig.bias_current or 1.0)) for p in pair]
-        assert far[0] != pytest.approx(far[1], rel=1e-5)
+        assert far[0] != pytest.approx(far[1], rel=1e-6)
