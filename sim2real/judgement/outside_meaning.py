@@ -44,7 +44,7 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
         return np.inf
     if LAG in fit.hypothesis.effects and _is_delay(rig, point, fit.hypothesis.effects):
         return np.inf
-    if KNEE in fit.hypothesis.effects and _never_bends(rig, point.effects[KNEE], motion, current):
+    if KNEE in point.effects and _never_bends(rig, point.effects[KNEE], motion, current):
         return np.inf
     return _driving_cost(fit, rig)
 

@@ -75,6 +75,14 @@ def test_iron_that_saturates_far_above_every_field_does_not(rig, field, knee, co
     assert meaningless_cost(fit, load_rig(rig), 1e-5, 0.1) == cost
 
 
+def test_an_effect_of_which_nothing_was_fitted_means_what_it_says():
+    """The knee of a single magnet is a form of the effect, and a fit that touched down has not got so far."""
+    ball = Rig("ball", "electromagnet", mass=0.05, gap=8e-3, clearance=8e-3, force_constant=3.6e-5, gap_offset=6e-3)
+    h = Hypothesis(("saturation",), {}, scales=ball.scales)
+    (fit,) = begin([h], [np.zeros(h.size)], np.zeros(3, complex), lambda p: np.zeros((len(p), 3), complex))
+    assert h.coordinates == () and meaningless_cost(fit, ball, 1e-4, 1.0) == 0.0
+
+
 @pytest.mark.parametrize(("share", "cost"), [(-1.0, np.inf), (0.98, 0.0), (0.2, 0.0), (1.0, np.inf)])
 def test_a_zero_of_the_current_that_is_off_by_all_of_the_bias_is_none(share, cost):
     """One magnet of the pair would have no field at all, of its current or of its permanent magnet."""

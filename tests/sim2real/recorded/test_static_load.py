@@ -9,6 +9,7 @@ from maglev_env.recordings.campaign import load_campaign
 from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import experiment_near, lanes_of, series_at
+from sim2real.compared.tolerance_forms import form_nuisances
 from sim2real.diagnosis import diagnose
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
@@ -233,3 +234,17 @@ def test_a_constant_load_is_no_effect(leaning, monkeypatch):
     monkeypatch.setattr(attribute, "single_effects", lambda rig: few)
     found = diagnose(leaning)
     assert found.verdict == "no_gap", found.cause
+
+
+@pytest.mark.parametrize("change", [-0.05, 0.05, -0.1])
+def test_another_force_constant_is_the_form_of_a_gain_near_which_it_is_looked_at(tmp_path, change):
+    """Near the nominal rig, whose loop answers otherwise, what the form changes is 3 to 8 times as far off."""
+    _, (record, *_) = read_records(load_campaign(_campaign(tmp_path, 0.0)))
+    predict = assemble([record]).parts[0].predictor
+    near = Point({}, {"actuator_gain": change, "negative_stiffness": change})
+    forms = {"actuator_gain": {"change": change, "force_share": 1.0}}
+    current, force = predict([near, Point(forms, {"negative_stiffness": change})])
+    own = form_nuisances(record.experiment, near, predict, True, True)["form of actuator_gain"]
+    amount = np.vdot(own, force - current).real / np.vdot(own, own).real
+    assert amount == pytest.approx(change / 0.05, rel=0.12)  # in standard deviations
+    assert np.linalg.norm(force - current - amount * own) < 0.01 * np.linalg.norm(force - current)
