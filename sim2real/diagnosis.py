@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from maglev_env.recordings.campaign import Campaign
 from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
-from sim2real.compared.bench_noise import BenchNoise, bench_noise, louder_in_words, louder_than_stated
+from sim2real.compared.bench_noise import BEYOND_STATED, BenchNoise, bench_noise, louder_in_words, louder_than_stated
 from sim2real.compared.commands_seen import SEEN, seen_lost
 from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned, without_tones_of_others
@@ -29,6 +30,7 @@ from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, raren
 from sim2real.judgement.limit_not_shown import not_asked_in_words, without_limit_in_words
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
+from sim2real.judgement.rows_with_tones import TOO_LOUD
 from sim2real.judgement.sightings import Sighting, may_creep, of_mains, sightings
 from sim2real.judgement.unsynchronised import (
     evidence,
@@ -50,6 +52,7 @@ from sim2real.search.hypotheses import TONES
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 CREEP = 0.5  # share of the trends over periods beyond which what no gain explains may be a rotor that creeps to rest
 RINGS_ON = 60.0  # chi-square of trends that the rest of a transient may have
+TOO_LOUD_COST = 50.0  # of such noise for every known cause: enough that none is believed
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line, or window of lines, is withheld from the fits
 
 
@@ -78,7 +81,7 @@ def diagnose(
     loud = {} if bench.shown else louder_than_stated((p.record, p.opened.outputs, p.noise) for p in fitted.parts)
     notes += louder_in_words(loud)
     progress("judging")
-    weighed = _weighed(records, fitted, attribution)
+    weighed = _weighed(records, fitted, attribution, max(loud.values(), default=0.0) > BEYOND_STATED)
     notes = [*weighed.notes, *notes]
     where = _where(fitted, attribution, weighed.tones)
     if where.controller is not None and where.controller > CONTROLLER_SD:
@@ -179,8 +182,14 @@ def _problems(records: Sequence[Record | OpenRecord], bench: BenchNoise) -> tupl
     return fitted, judged, judged_on, notes
 
 
-def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attribution: Attribution) -> Weighed:
-    """Probabilities and verdict by the recordings that were fitted, tones and drift of the gain among the causes."""
+def _weighed(
+    records: Sequence[Record | OpenRecord], fitted: Problem, attribution: Attribution, too_loud: bool = False
+) -> Weighed:
+    """Probabilities and verdict by the recordings that were fitted, tones and drift of the gain among the causes.
+
+    Where nothing else shows a gap, noise that is too loud by far for what the rig states is one: an effect that
+    scatters looks like noise in what never repeats.
+    """
     base = attribution.simplest
     near = base.fit.hypothesis.point(base.fit.u)
     drift = drift_of(fitted, near)
@@ -196,6 +205,10 @@ def _weighed(records: Sequence[Record | OpenRecord], fitted: Problem, attributio
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen, of_mains(fitted, seen)), causes, drift)
     found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)
+    if too_loud and verdicted == "no_gap":
+        evidenced = replace(evidenced, tones={**tones, TOO_LOUD: TOO_LOUD_COST})
+        found = by_mechanism(entries(evidenced), records[0].nominal)
+        verdicted, cause = verdict(found)
     excused = allowance(evidenced)
     tempering = evidenced.dispersion.ratio(excused)
     notes = (

@@ -9,7 +9,8 @@ from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.sightings import FOREIGN, LOUD
 from sim2real.recorded.drifting import DRIFTING
 
-OPEN = (FOREIGN, LOUD, DRIFT, SEEN)  # families of what varies over time that need not have a known cause
+TOO_LOUD = "too loud"  # the family of noise beyond what the rig states
+OPEN = (FOREIGN, LOUD, DRIFT, SEEN, TOO_LOUD)  # families of what varies over time that need not have a known cause
 OF_LOST = (LOUD, SEEN)  # those that lost commands explain
 Row = tuple[tuple[str, ...], float, float, int | None]  # names, cost, prior and candidate of a hypothesis
 KNOWN_TONES = ("pickup", "runout", "unbalance")  # of lines that are known beforehand
