@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from scipy import stats
 
 from estimation.lines.noise_shape import noise_shape
 
@@ -19,6 +20,7 @@ WIDTH = 21  # lines of a window
 TERMS = 3  # of the polynomial that stands for transient and drift
 KEPT = WIDTH - TERMS  # coordinates of a window
 POOLED = 5  # windows whose noise is pooled
+LOUDER_BY_CHANCE = 1e-3  # probability by which noise makes a window as loud that still counts as alike
 NOISE_ALONE = (0.40, 0.49)  # of the sample rate: where a signal is taken to be noise alone
 LEAST_FREEDOM = 3  # directions of a window that tell its noise at least, however many excitations there are
 _RANK = 1e-6  # share of the strongest direction below which the excitation of a window adds no direction of its own
@@ -143,7 +145,9 @@ class LineWindows:
             removed: number of directions in which the residual was set to zero, (count,) or (..., count).
 
         Returns:
-            Variance of one line, pooled over POOLED windows, and the test of what the excitation still explains.
+            Variance of one line, pooled over POOLED windows except those that are louder than their neighbours by more
+            than chance, as the lowest one is where a slow noise ends in it; and the test of what the excitation still
+            explains.
         """
         y = self.project(residual)
         inside, rank = self.along(y, excitation)
@@ -155,8 +159,14 @@ class LineWindows:
             own = rest / np.maximum(freedom, 1.0)
             for at in np.ndindex(rest.shape[:-1]):
                 shape[at] = noise_shape(own[at], shapes[(slice(None), *at)])
-        variance = _pooled(rest / shape) / _pooled(freedom) * shape
-        return WindowNoise(variance, _pooled(freedom), explained, rank)
+        power, freedom = rest / shape, np.broadcast_to(freedom, rest.shape)
+        around, others = _pooled(power) - power, _pooled(freedom) - freedom
+        ratio = power * others / np.maximum(around * freedom, 1e-300)
+        alone = (freedom >= 1) & (others >= 1)
+        alone[alone] = stats.f.sf(ratio[alone], 2 * freedom[alone], 2 * others[alone]) < LOUDER_BY_CHANCE
+        quiet = _pooled(np.where(alone, 0.0, power)), _pooled(np.where(alone, 0.0, freedom))
+        power, freedom = (np.where(alone, own, pooled) for own, pooled in zip((power, freedom), quiet, strict=True))
+        return WindowNoise(power / freedom * shape, freedom, explained, rank)
 
 
 @dataclass(frozen=True)
@@ -165,7 +175,7 @@ class WindowNoise:
 
     Args:
         variance: E|n|^2 of one line, (..., count).
-        freedom: complex degrees of freedom of that variance, (count,), or (..., count) where directions were removed.
+        freedom: complex degrees of freedom of that variance, (..., count).
         explained: power that the excitation explains in each window, (..., count).
         rank: number of complex directions that could explain it, (count,).
     """

@@ -54,13 +54,28 @@ def test_noise_under_as_many_drives_as_two_axes_have_keeps_directions_of_its_own
         found.append(told.variance)
         misfits.append(told.misfit)
     assert np.isfinite(found).all() and np.mean(found) == pytest.approx(4 / SAMPLES, rel=0.03)
-    freedom = told.freedom[10]
+    freedom = told.freedom[0, 10]
     assert np.mean(np.array(misfits)[:, 0, 5:-5]) == pytest.approx(freedom / (freedom - 1), rel=0.03)
     pull = windows.spectrum(np.convolve(drive := rng.normal(size=SAMPLES), np.exp(-np.arange(40) / 8.0))[:SAMPLES])
     others = windows.spectrum(rng.normal(size=(drives - 1, SAMPLES)))
     heard = windows.spectrum(0.01 * rng.normal(size=SAMPLES))
     left = windows.noise(pull + heard, np.concatenate([windows.spectrum(drive)[None], others]))
     assert np.median(left.variance) == pytest.approx(1e-4 * 4 / SAMPLES, rel=0.2)
+
+
+def test_a_slow_noise_is_that_of_the_lowest_window_alone():
+    """Its neighbours, and windows in which noise is as everywhere, are pooled as before."""
+    windows, rng = line_windows(SAMPLES, RATE, (2.0, 400.0)), np.random.default_rng(8)
+    slow = np.arange(SAMPLES // 2 + 1) * RATE / SAMPLES < windows.frequency[0, -1]
+    found = []
+    for _ in range(40):
+        noise, drive = rng.normal(size=(2, SAMPLES))
+        loud = np.fft.irfft(np.fft.rfft(noise) * np.where(slow, 5.0, 1.0), SAMPLES)
+        found.append([windows.noise(windows.spectrum(own), windows.spectrum(drive)).variance for own in (loud, noise)])
+    loud, plain = np.moveaxis(found, 0, 1)
+    assert np.median(loud[:, 0]) == pytest.approx(25 * 4 / SAMPLES, rel=0.15)
+    assert np.median(loud[:, 1]) == pytest.approx(4 / SAMPLES, rel=0.2)
+    np.testing.assert_allclose(loud[:, 5:], plain[:, 5:], rtol=0.01)
 
 
 def test_the_noise_beside_excitations_of_other_sizes_does_not_depend_on_their_units():
