@@ -12,13 +12,14 @@ from maglev_env.recordings.campaign import Campaign
 from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
-from sim2real.compared.bench_noise import BEYOND_STATED, BenchNoise, bench_noise, louder_in_words, louder_than_stated
+from sim2real.compared.bench_noise import BenchNoise, bench_noise
 from sim2real.compared.commands_seen import SEEN, seen_lost
 from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned, without_tones_of_others
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.standing import standing
+from sim2real.compared.stated_noise import louder_in_words, louder_than_stated, scattered
 from sim2real.free.correction import free_correction
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
@@ -28,6 +29,7 @@ from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, rareness
 from sim2real.judgement.limit_not_shown import not_asked_in_words, without_limit_in_words
+from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
 from sim2real.judgement.rows_with_tones import TOO_LOUD
@@ -52,6 +54,7 @@ from sim2real.search.hypotheses import TONES
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 CREEP = 0.5  # share of the trends over periods beyond which what no gain explains may be a rotor that creeps to rest
 RINGS_ON = 60.0  # chi-square of trends that the rest of a transient may have
+HARDLY = 0.25  # of what scatters beyond the stated noise: what is explained beside it is not the cause
 TOO_LOUD_COST = 50.0  # of such noise for every known cause: enough that none is believed
 HELD_OUT_EVERY = 4  # without a holdout recording, every fourth line, or window of lines, is withheld from the fits
 
@@ -78,10 +81,11 @@ def diagnose(
     fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)
     notes += of_noise
-    loud = {} if bench.shown else louder_than_stated((p.record, p.opened.outputs, p.noise) for p in fitted.parts)
+    noisy = [] if bench.shown else [(p.record, p.opened.outputs, p.noise) for p in fitted.parts]
+    loud = louder_than_stated(noisy)
     notes += louder_in_words(loud)
     progress("judging")
-    weighed = _weighed(records, fitted, attribution, max(loud.values(), default=0.0) > BEYOND_STATED)
+    weighed = _weighed(records, fitted, attribution, scattered(noisy))
     notes = [*weighed.notes, *notes]
     where = _where(fitted, attribution, weighed.tones)
     if where.controller is not None and where.controller > CONTROLLER_SD:
@@ -183,12 +187,12 @@ def _problems(records: Sequence[Record | OpenRecord], bench: BenchNoise) -> tupl
 
 
 def _weighed(
-    records: Sequence[Record | OpenRecord], fitted: Problem, attribution: Attribution, too_loud: bool = False
+    records: Sequence[Record | OpenRecord], fitted: Problem, attribution: Attribution, scatter: float = 0.0
 ) -> Weighed:
     """Probabilities and verdict by the recordings that were fitted, tones and drift of the gain among the causes.
 
-    Where nothing else shows a gap, noise that is too loud by far for what the rig states is one: an effect that
-    scatters looks like noise in what never repeats.
+    What scatters by far more than the rig states (see `scattered`) is a gap of its own where hardly anything beside it
+    is explained, unless lost samples are.
     """
     base = attribution.simplest
     near = base.fit.hypothesis.point(base.fit.u)
@@ -205,7 +209,8 @@ def _weighed(
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen, of_mains(fitted, seen)), causes, drift)
     found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)
-    if too_loud and verdicted == "no_gap":
+    explained = attribution.calibration.fit.cost - _best(attribution)
+    if explained < HARDLY * scatter and not any(LOST in names.split("+") for names in cause):
         evidenced = replace(evidenced, tones={**tones, TOO_LOUD: TOO_LOUD_COST})
         found = by_mechanism(entries(evidenced), records[0].nominal)
         verdicted, cause = verdict(found)
@@ -220,6 +225,10 @@ def _weighed(
         ]
     )
     return Weighed(found, verdicted, cause, tempering, seen, drift, sum(tones.values()), notes, evidenced)
+
+
+def _best(attribution: Attribution) -> float:
+    return min(c.predictive for c in attribution.candidates)
 
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:

@@ -7,7 +7,7 @@ the rotor (see `recorded.opened`): it belongs to the bench, and not to what driv
 reading of a force belongs to the recordings which that force drives.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,9 +22,6 @@ from sim2real.recorded.records import Record
 
 NEIGHBOURS = 15  # lines whose median is taken: a line with a tone shows more than the noise
 LOUDER = 1.5  # times the bench's noise that a recording may have: noise depends a little on place and motion
-# What is left without any recording that repeats, in times the stated noise in the LOUDEST share of the band: from
-# where on it is said, and from where on the statement would have to be so wrong that it counts as a gap.
-OVER_STATED, BEYOND_STATED, LOUDEST = 2.0, 3.0, 0.2
 REACHED = 0.05  # share of a recording's coordinates that must be at the bound for its noise to count as bounded
 RINGS = 0.3  # share of a resonance's peak above which a line counts as part of the resonance
 
@@ -79,48 +76,7 @@ def _resonant(record: OpenRecord) -> np.ndarray:
     return above.reshape(-1, WIDTH).any(axis=1)
 
 
-def over_stated(record: OpenRecord, outputs: Sequence[str], noise: np.ndarray) -> float:
-    """How many times as loud the noise (outputs, axes, n) of the opened displacement is as the rig states, converters
-    included, at least in the loudest share of its coordinates. nan where the rig states no noise of the displacement.
-
-    What an effect leaves is often loud at low frequencies alone, where the rotor moves.
-    """
-    rig, loop = record.nominal, nominal_loop(record)
-    if not rig.noise.displacement:
-        return np.nan
-    plant = np.repeat(np.mean(abs(loop.blocks.plant.reshape(-1, *loop.shape)) ** 2, axis=-1), KEPT, axis=-1)
-    adc, dac = (2 * rig.voltage_range / 2**bits if bits else 0.0 for bits in (rig.adc_bits, rig.dac_bits))
-    reading = rig.noise.displacement**2 + (adc / rig.probe_gain) ** 2 / 12
-    current = rig.noise.current**2 + (dac * rig.amplifier_gain) ** 2 / 12
-    at = list(outputs).index("plant")
-    of_force = np.repeat(noise_of_force(record, loop, outputs)[at], KEPT, axis=-1)
-    stated = 4 / record.windows.samples * (reading + plant * current) + of_force
-    return float(np.quantile(noise[at] / np.sqrt(stated), 1 - LOUDEST))
-
-
 NO_BOUND = BenchNoise({})
-
-
-def louder_than_stated(parts: Iterable[tuple[Record | OpenRecord, Sequence[str], np.ndarray]]) -> dict[str, float]:
-    """Recording -> how many times as loud its noise is as the rig states, where that is more than OVER_STATED.
-
-    Args:
-        parts: Recordings with their outputs and noise (outputs, axes, n), of a campaign that repeats nowhere.
-    """
-    opened = [(record, outputs, noise) for record, outputs, noise in parts if isinstance(record, OpenRecord)]
-    each = {record.name: over_stated(record, outputs, noise) for record, outputs, noise in opened}
-    return {name: ratio for name, ratio in each.items() if ratio > OVER_STATED}
-
-
-def louder_in_words(loud: Mapping[str, float]) -> list[str]:
-    """A note on recordings that are louder than the rig states (see `louder_than_stated`); none where none is."""
-    if not loud:
-        return []
-    return [
-        f"{', '.join(loud)}: what is left is {max(loud.values()):.2g} times as loud as the noise that the rig states, "
-        "and no recording repeats, which would tell noise from what an effect leaves: record periods of a multisine, "
-        "or state the noise as it is"
-    ]
 
 
 def bench_noise(records: Sequence[Record | OpenRecord]) -> BenchNoise:

@@ -1,0 +1,71 @@
+"""Is what is left of recordings that never repeat as loud as the noise that the rig states?
+
+Where a recording repeats, it tells its noise. Elsewhere what the best explanation leaves is taken for noise, and the
+only witness against that is the rig's statement: an uneven converter, or lost samples, scatter as noise does.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from estimation.lines.line_windows import KEPT
+from sim2real.recorded.open_evidence import noise_of_force
+from sim2real.recorded.open_loop import nominal_loop
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+
+# Times the stated noise in the LOUDEST share of the band: from where on it is said, and from where on the statement
+# would have to be so wrong that it counts as a gap.
+OVER_STATED, BEYOND_STATED, LOUDEST = 2.0, 3.0, 0.2
+Noisy = tuple[Record | OpenRecord, Sequence[str], np.ndarray]  # a recording, its outputs and noise (outputs, axes, n)
+
+
+def louder_than_stated(parts: Iterable[Noisy]) -> dict[str, float]:
+    """Recording -> how many times as loud its noise is as the rig states, at least in the loudest share of the band,
+    where that is more than OVER_STATED.
+
+    What an effect leaves is often loud at low frequencies alone, where the rotor moves.
+
+    Args:
+        parts: of a campaign that repeats nowhere.
+    """
+    return {name: most for name, _, most in _ratios(parts) if most > OVER_STATED}
+
+
+def scattered(parts: Iterable[Noisy]) -> float:
+    """Cost of what is left beyond the stated noise, of the recordings in which that is louder than BEYOND_STATED: what
+    it would weigh if it were no noise, in units of what is left."""
+    beyond = (2 * np.maximum(1 - ratio**-2.0, 0.0).sum() for _, ratio, most in _ratios(parts) if most > BEYOND_STATED)
+    return float(sum(beyond))
+
+
+def _ratios(parts: Iterable[Noisy]) -> Iterable[tuple[str, np.ndarray, float]]:
+    """Of each recording without a period its name, how many times as loud it is as stated at each coordinate (axes, n),
+    and at least in the loudest share of them; without those for which the rig states no noise of the displacement."""
+    for record, outputs, noise in parts:
+        if isinstance(record, OpenRecord) and record.nominal.noise.displacement:
+            at = list(outputs).index("plant")
+            ratio = noise[at] / np.sqrt(_stated(record, outputs)[at])
+            yield record.name, ratio, float(np.quantile(ratio, 1 - LOUDEST))
+
+
+def _stated(record: OpenRecord, outputs: Sequence[str]) -> np.ndarray:
+    """Variance (outputs, axes, n) of the opened displacement by the noise that the rig states, converters included."""
+    rig, loop = record.nominal, nominal_loop(record)
+    plant = np.repeat(np.mean(abs(loop.blocks.plant.reshape(-1, *loop.shape)) ** 2, axis=-1), KEPT, axis=-1)
+    adc, dac = (2 * rig.voltage_range / 2**bits if bits else 0.0 for bits in (rig.adc_bits, rig.dac_bits))
+    reading = rig.noise.displacement**2 + (adc / rig.probe_gain) ** 2 / 12
+    current = rig.noise.current**2 + (dac * rig.amplifier_gain) ** 2 / 12
+    of_force = np.repeat(noise_of_force(record, loop, outputs), KEPT, axis=-1)
+    return 4 / record.windows.samples * (reading + plant * current) + of_force
+
+
+def louder_in_words(loud: Mapping[str, float]) -> list[str]:
+    """A note on recordings that are louder than the rig states (see `louder_than_stated`); none where none is."""
+    if not loud:
+        return []
+    return [
+        f"{', '.join(loud)}: what is left is {max(loud.values()):.2g} times as loud as the noise that the rig states, "
+        "and no recording repeats, which would tell noise from what an effect leaves: record periods of a multisine, "
+        "or state the noise as it is"
+    ]
