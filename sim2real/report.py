@@ -102,12 +102,12 @@ def sentence(diagnosis: Diagnosis) -> str:
         return (
             f"{none} (unknown: {percent(unknown)}); best partial "
             f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
-            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}."
+            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
         )
     if diagnosis.verdict == "unexplained":
         return (
             f"{none} (unknown: {percent(unknown)}); most of it lies "
-            f"in {_blocks(_largest(diagnosis.where.blocks))}{_highest_band(diagnosis.where)}{_refitted(diagnosis)}."
+            f"in {_blocks(_largest(diagnosis.where.blocks))}{_highest_band(diagnosis.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
         )
     if diagnosis.verdict == "ambiguous":
         rows = [e for e in named(diagnosis) if "+".join(e.effects) in diagnosis.cause]
