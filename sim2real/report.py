@@ -106,8 +106,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "unexplained":
         return (
-            f"{none} (unknown: {percent(unknown)}); most of it lies "
-            f"in {_blocks(_largest(diagnosis.where.blocks))}{_highest_band(diagnosis.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
+            f"{none} (unknown: {percent(unknown)}); most of it lies in {_blocks(_largest(diagnosis.where.blocks))}"
+            f"{_highest_band(diagnosis.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
         )
     if diagnosis.verdict == "ambiguous":
         rows = [e for e in named(diagnosis) if "+".join(e.effects) in diagnosis.cause]

@@ -12,6 +12,7 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.loop.gains import PidGains, with_gains
 from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.loop.magnets.law import SingleSidedLaw
+from maglev_env.rig.rig import Rig
 from sim2real.recorded.nominal import outputs_of
 from sim2real.recorded.open_record import TOP, OpenRecord
 from sim2real.recorded.records import Record
@@ -21,6 +22,7 @@ OFFSETS = {0.1: 1.0, 0.16: 1.1, 0.25: 1.2}  # share of the gap -> effort: farthe
 ROOM = 0.5  # of the clearance that an offset may use
 INJECTED, LINES = 0.02, 40  # peak of a multisine in the bias current, where the rig has no protocol, and its lines
 EFFORT = {"current": 1.0, "force": 3.0}  # of an excitation there, see `Item`
+SPARE = 0.3  # of the largest command that the converter can give: what an injection may use of it
 ABOVE = 0.2  # peak, in the bias current, of a multisine above the band that was driven: it hardly moves the rotor
 
 
@@ -55,7 +57,7 @@ def _open_menu(base: OpenRecord) -> list[Item]:
     if not rig.controlled:
         return items
     peak = next((e.amplitude for e in rig.protocol.excitations if e.at == "current"), 0.0) if rig.protocol else 0.0
-    peak = peak or INJECTED * geometric_law(rig).bias_current
+    peak = peak or _injected(rig, INJECTED)
     centre = base.windows.centre
     band = np.geomspace(centre[0], centre[-1], min(LINES, centre.size))
     if peak:
@@ -91,13 +93,20 @@ def _shaken(base: Record | OpenRecord, frequency: np.ndarray) -> float:
 
 def _open_above(base: OpenRecord, outputs: tuple[str, ...]) -> list[Item]:
     """The same with a multisine above the band that is compared, where all of its coordinates are."""
-    peak, windows = ABOVE * geometric_law(base.nominal).bias_current, base.windows
+    peak, windows = _injected(base.nominal, ABOVE), base.windows
     count = int((TOP * windows.samples - 1) // WIDTH)
     if not peak or count <= windows.count or windows.turned is not None or not base.excited.all() or base.unsure:
         return []
     wider = replace(windows, count=count)
     frequency = np.geomspace(windows.centre[-1], wider.centre[-1], min(LINES, count - windows.count) + 1)[1:]
     return [_with_sines(replace(base, windows=wider), outputs, "current", peak, frequency)]
+
+
+def _injected(rig: Rig, share: float) -> float:
+    """Peak (A) of an injection: a share of the bias current, as far as the converter has room for it."""
+    ideal = rig.adc_bits == rig.dac_bits == 0
+    most = np.inf if ideal else rig.voltage_range * rig.amplifier_gain
+    return min(share * geometric_law(rig).bias_current, SPARE * most)
 
 
 def _with_sines(base: OpenRecord, outputs: tuple[str, ...], place: str, peak: float, frequency: np.ndarray) -> Item:
@@ -144,7 +153,7 @@ def _periodic_menu(base: Record) -> list[Item]:
 
 def _above(base: Record, outputs: tuple[str, ...]) -> list[Item]:
     """The same with a multisine above the lines that were driven, which tells apart what lags in another manner."""
-    peak, n = ABOVE * geometric_law(base.nominal).bias_current, base.waves["current"].shape[1]
+    peak, n = _injected(base.nominal, ABOVE), base.waves["current"].shape[1]
     e = base.experiment
     last, highest = int(TOP * e.recorded_per_period), int(base.lines[base.excited].max(initial=0))
     lines = np.unique(np.geomspace(highest, last, LINES + 1).round().astype(int)[1:]) if 0 < highest < last else []

@@ -8,6 +8,7 @@ import pytest
 from bench_loop import Bench, write_campaign
 from campaigns import campaign
 
+from maglev_env.loop.magnets.kinds import geometric_law
 from maglev_env.rig.rig import Noise
 from sim2real.advice.recording_menu import Item, menu
 from sim2real.advice.separation import differences, look, separation
@@ -66,6 +67,21 @@ def test_a_recording_is_as_noisy_as_the_one_that_was_made_whatever_the_rig_state
             assert np.isinf(own).all()
     silent = [item for item, weights in looks if np.isinf(weights).any()]
     assert bool(silent) == (not current) and all(differences(item, part, []) is None for item in silent)
+
+
+@pytest.mark.parametrize("most", [None, 1e-2])
+def test_no_injection_needs_more_than_the_converter_can_command(tmp_path, most):
+    """Of a voice coil the bias current is that of a magnet that is not there."""
+    _, (record, *_) = read_records(campaign(tmp_path, names=("base",)))
+    if most is not None:
+        rig = replace(record.nominal, amplifier_gain=most / record.nominal.voltage_range)
+        record = replace(record, nominal=rig, experiment=replace(record.experiment, rig=rig))
+    above = [i.change["excitation"] for i in menu(record) if i.change.get("excitation", {}).get("at") == "current"]
+    peaks = [
+        excitation["peak"] for excitation in above if min(excitation["lines"]) > record.lines[record.excited].max()
+    ]
+    bias = geometric_law(record.nominal).bias_current
+    assert peaks == [pytest.approx(0.2 * bias if most is None else 0.3 * most)]
 
 
 @pytest.mark.slow
