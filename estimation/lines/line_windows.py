@@ -20,7 +20,7 @@ WIDTH = 21  # lines of a window
 TERMS = 3  # of the polynomial that stands for transient and drift
 KEPT = WIDTH - TERMS  # coordinates of a window
 POOLED = 5  # windows whose noise is pooled
-LOUDER_BY_CHANCE = 1e-3  # probability by which noise makes a window as loud that still counts as alike
+LOUDER_BY_CHANCE = 1e-5  # probability by which noise makes a window as loud that still counts as alike
 NOISE_ALONE = (0.40, 0.49)  # of the sample rate: where a signal is taken to be noise alone
 LEAST_FREEDOM = 3  # directions of a window that tell its noise at least, however many excitations there are
 _RANK = 1e-6  # share of the strongest direction below which the excitation of a window adds no direction of its own
@@ -145,9 +145,8 @@ class LineWindows:
             removed: number of directions in which the residual was set to zero, (count,) or (..., count).
 
         Returns:
-            Variance of one line, pooled over POOLED windows except those that are louder than their neighbours by more
-            than chance, as the lowest one is where a slow noise ends in it; and the test of what the excitation still
-            explains.
+            Variance of one line, pooled over POOLED windows except the lowest ones that are louder than those around
+            by more than chance, because a slow noise ends in them; and the test of what the excitation still explains.
         """
         y = self.project(residual)
         inside, rank = self.along(y, excitation)
@@ -162,8 +161,9 @@ class LineWindows:
         power, freedom = rest / shape, np.broadcast_to(freedom, rest.shape)
         around, others = _pooled(power) - power, _pooled(freedom) - freedom
         ratio = power * others / np.maximum(around * freedom, 1e-300)
-        alone = (freedom >= 1) & (others >= 1)
+        alone = (freedom >= 1) & (others >= 1) & (np.asarray(removed) == 0)  # a mode is louder than what is around it
         alone[alone] = stats.f.sf(ratio[alone], 2 * freedom[alone], 2 * others[alone]) < LOUDER_BY_CHANCE
+        alone = np.logical_and.accumulate(alone, axis=-1)
         quiet = _pooled(np.where(alone, 0.0, power)), _pooled(np.where(alone, 0.0, freedom))
         power, freedom = (np.where(alone, own, pooled) for own, pooled in zip((power, freedom), quiet, strict=True))
         return WindowNoise(power / freedom * shape, freedom, explained, rank)

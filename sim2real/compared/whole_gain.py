@@ -69,7 +69,9 @@ def both_forms(e: Experiment, point: Point, name: str, share: float) -> tuple[Po
     """
     whole, form = _whole(e, point, name)
     # What is off so far keeps its form, of which the change is a part on that side.
-    more = share if whole >= 1 else -share
+    more, change = share if whole >= 1 else -share, EFFECTS[name].parameters["change"]
+    if not change.low <= whole * (1 + more) - 1 <= change.high:
+        more = -more
     so_far, there = form * log(whole), whole * (1 + more)
     known = EFFECTS[name].parameters[FORMS[name]]
     forms = (min(max(s / log(there), known.low), known.high) for s in (so_far, so_far + log1p(more)))
