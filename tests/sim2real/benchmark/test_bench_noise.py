@@ -17,8 +17,10 @@ from sim2real.compared.bench_noise import NO_BOUND, bench_noise
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
 from sim2real.compared.stated_noise import louder_in_words, louder_than_stated, scattered
+from sim2real.diagnosis import diagnose
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
+from sim2real.report import sentence
 
 
 def recorded(tmp_path, effects, drives=(("multisine", 0.01, "current"), ("steps", 0.05, "reference")), noisy=1.0):
@@ -91,3 +93,13 @@ def test_what_is_louder_than_stated_is_said_where_nothing_repeats(tmp_path, time
     assert [words[:27] for words in louder_in_words(loud)] == (["noise.npz: what is left is "] if said else [])
     silent = replace(part.record, nominal=replace(part.record.nominal, noise=Noise()))
     assert louder_than_stated([(silent, part.opened.outputs, part.noise)]) == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("times", "verdict"), [(2.5, "no_gap"), (4.0, "unexplained")])
+def test_noise_far_beyond_what_is_stated_is_a_gap_where_nothing_repeats(tmp_path, times, verdict):
+    """Its size is the only witness of an effect that scatters; up to three times is said and no more."""
+    found = diagnose(write_bench(tmp_path, Bench(noise=times * 5e-7), {"noise": "fit", "steps": "holdout"}, 1.0, 0))
+    assert found.verdict == verdict
+    assert max(found.loud.values()) == pytest.approx(times, rel=0.15)
+    assert f"{max(found.loud.values()):.2g} times as loud as the noise that the rig states" in sentence(found)
