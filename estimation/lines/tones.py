@@ -16,6 +16,9 @@ ON_LINE = 0.01  # bins from a line within which a tone is the same to it
 CLOSE = 8  # bins around a tone that hold no more than noise once it is removed
 HALF = 0.5  # bins of a period, from a line to where another one is nearer
 ROUNDING = 1e-12  # of a reading, below which its noise is not to be compared with anything
+PART = 0.3  # of an excited line, that what it grows or fades by may be beside it
+ALIKE = 0.25  # of the relative growth of a line, from which another one grows alike
+GROWN = 5.0  # standard deviations by which a line must grow or fade over the periods to do so
 BESIDE, SWEEPS = 4.0, 12  # bins within which tones take from each other, and rounds in which these are fitted again
 
 
@@ -88,11 +91,47 @@ def remove_tones(
     # What a neighbour had lent to a tone is no evidence of it.
     chi2 = [c * size(i) / was for i, (c, was) in enumerate(zip(chi2, first, strict=True))]
     least = _significant(total // 2, len(cleaned["displacement"]))
-    for i, c in enumerate(chi2):
-        if c < least:
+    sizes = [a["displacement"] for a in amplitudes]
+    fading = _fading(channels["displacement"], bins, sizes, per_period)
+    believed = [c >= least and i not in fading for i, c in enumerate(chi2)]
+    for i, tone in enumerate(believed):
+        if not tone:
             shift(i, 1.0)
-    found = zip(bins, amplitudes, chi2, strict=True)
-    return cleaned, [Tone(b * rate / total, a, c) for b, a, c in found if c >= least]
+    found = zip(bins, amplitudes, chi2, believed, strict=True)
+    return cleaned, [Tone(b * rate / total, a, c) for b, a, c, tone in found if tone]
+
+
+def _fading(values: np.ndarray, bins: Sequence[float], sizes: Sequence[np.ndarray], per_period: int) -> set[int]:
+    """Which of the tones, at bins of the whole record and of sizes (axes,), are excited lines that grow or fade.
+
+    What a gain that drifts adds to a line lies within a bin of it, and is a share of it. Several lines have it, where a
+    tone beside a line is beside that one alone.
+
+    Args:
+        values: The channel (axes, samples) with the tones.
+        bins, sizes: Of the tones.
+        per_period: Samples per period.
+    """
+    count = values.shape[1] // per_period
+    if count <= 2:
+        return set()
+    lines = 2 / per_period * np.asarray(scipy.fft.rfft(values.reshape(len(values), count, per_period), axis=2))
+    mean, at = lines.mean(axis=1), np.arange(count) - (count - 1) / 2
+    slope = np.einsum("p,apk->ak", at, lines) / (at @ at)
+    rest = lines - mean[:, None] - at[:, None] * slope[:, None]
+    sd = np.sqrt((abs(rest) ** 2).sum(axis=1) / (count - 2) / (at @ at))
+    # A line that is not excited has no more than its slope; one that is has far more.
+    grown = (abs(slope) > GROWN * sd) & (count * abs(slope) < abs(mean))
+    growth = np.where(grown, abs(slope) / np.where(mean == 0, 1.0, abs(mean)), 0.0).max(axis=0)
+    near = set()
+    for i, (b, size) in enumerate(zip(bins, sizes, strict=True)):
+        line = round(b / count)
+        beyond = abs(size) * np.sqrt(1 - np.sinc(b - count * line) ** 2)  # what the line itself has not taken up
+        # What a tone beside one line leaks into others is a small part of these.
+        alike = growth[line] > 0 and (growth > ALIKE * growth[line]).sum() > 1
+        if alike and abs(b - count * line) < 1.0 and (beyond < PART * abs(mean[:, line])).all():
+            near.add(i)
+    return near
 
 
 def _significant(bins: int, axes: int) -> float:

@@ -97,6 +97,22 @@ def test_periodic_signals_show_no_tone():
     assert RATE / PER_PERIOD == 8.0 and found_in(sine(120.0, 5.0) + rng.standard_normal(TOTAL))[1] == []
 
 
+@pytest.mark.parametrize(("grows", "turns"), [(0.2, 0.0), (0.05, 0.1), (0.2, 0.2)])
+def test_excited_lines_that_grow_or_turn_are_no_tones(grows, turns):
+    """A gain that drifts adds to every excited line what looks like a tone within a bin of it."""
+    rng, own, n = np.random.default_rng(3), RATE / PER_PERIOD, 5 * PER_PERIOD
+    t, along = TIME[:n], TIME[:n] / TIME[n]
+    phases = {k: 2 * np.pi * k * own * t + k for k in (1, 3, 5, 7, 9)}
+    noise = 1e-3 * rng.normal(size=n)
+    fading = sum(k / 9 * (1 + grows * along) * np.cos(p + turns * k / 9 * along) for k, p in phases.items()) + noise
+    cleaned, tones = found_in(fading)
+    assert tones == [] and np.allclose(cleaned["displacement"][0], fading, atol=1e-12)
+    lines = sum(k / 9 * np.cos(p) for k, p in phases.items()) + noise
+    mains = 9 * own - 0.4 * RATE / n
+    _, (tone,) = found_in(lines + 0.02 * np.cos(2 * np.pi * mains * t))
+    assert tone.frequency == pytest.approx(mains, abs=0.05 * RATE / n)
+
+
 def test_several_tones_are_taken_out_of_all_channels():
     rng = np.random.default_rng(4)
     at = {50.0: 1.0, 67.5: 0.4, 777.3: 0.1}
