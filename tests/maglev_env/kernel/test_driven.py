@@ -56,6 +56,22 @@ def test_waves_of_ones_own_move_a_lane_as_shared_ones_do():
             np.testing.assert_allclose(own[:, 0], lines[[0, 2]], rtol=0, atol=1e-10 * abs(lines[:3]).max(axis=1).min())
 
 
+def test_a_constant_load_is_that_of_the_rig_of_its_lane():
+    """As the same force in a wave would be that all lanes share, and of one recording alone."""
+
+    def load(e):
+        return np.array([0.3 if "delay" in e.effects else -0.2])
+
+    loaded, plain = replace(drive(ONE), load=load), drive(OTHER)
+    found, beside = replayed(LANES, [loaded, plain])
+    np.testing.assert_array_equal(beside, replayed(LANES, [plain])[0])
+    for lane, point in enumerate(POINTS):
+        force = load(replace(ONE, effects=point))[:, None]
+        shared = replace(drive(ONE), waves={**loaded.waves, "force": loaded.waves["force"] + force})
+        np.testing.assert_array_equal(found[lane], replayed(LANES, [shared])[0][lane])
+        assert abs(found[lane, 0].mean() - replayed(LANES, [drive(ONE)])[0][lane, 0].mean()) > 1e-6
+
+
 @pytest.mark.parametrize("without", ["", "sensor_time_constant", "amplifier_time_constant"])
 def test_plain_lanes_of_one_structure_are_as_those_of_the_flexible_kernel(without):
     """Its maps of the chains between command, force and reading are other ones, and it has all their parts."""
