@@ -46,7 +46,7 @@ def test_both_forms_have_the_same_stiffness_and_another_curvature(folder):
     rig = load_rig(folder / "rig.toml")
     (scaled, steeper, deviations), law = tolerance_forms(on(rig))["negative_stiffness"], force_law(rig)
     more = 0.04 * deviations
-    assert 0 < more < 0.02 and scaled.effects["negative_stiffness"]["change"] == pytest.approx(more)
+    assert 0 < more < 0.04 and scaled.effects["negative_stiffness"]["change"] == pytest.approx(more)
     other = reshaped(law, steeper.effects["force_law"]["exponent"], 0.0)
     assert linearise(other)[1] == pytest.approx((1 + more) * linearise(law)[1], rel=1e-9)
     assert linearise(other)[0] == pytest.approx(linearise(law)[0], rel=1e-12)
