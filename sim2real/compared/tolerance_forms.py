@@ -30,7 +30,7 @@ from sim2real.compared.whole_gain import GAIN, STIFFNESS, both_forms
 LAG = "amplifier_time_constant"
 # Standard deviations by which a gain or stiffness is off in either form, for what that does: as far as it often is. By
 # a tenth nothing is seen of the curvature that a ball shows, and by a whole one a loop is another one.
-LITTLE = 0.5
+LITTLE = 0.3
 SECOND_POLE = 0.2  # share of a stated lag that is a second pole: one standard deviation of its form
 
 
