@@ -30,7 +30,6 @@ from sim2real.search.hypotheses import RESONANCES
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 MARGIN = 2.0  # times the cost that makes a candidate hopeless: what another noise and a refit may change of it
 QUIETER = 1.5  # times by which noise may have been taken too large
-FEW = 0.1  # share of a recording's windows in which that matters: where the rotor moves most, there are not many
 
 
 class Settled(NamedTuple):
@@ -179,14 +178,14 @@ def _surprise(problem: Problem, attribution: Attribution) -> float:
 
 
 def _quieter(old: Problem, new: Problem) -> bool:
-    """Whether the noise of a recording is less by more than QUIETER, be it in a few windows alone."""
-    return any(np.quantile(a.noise / b.noise, 1 - FEW) > QUIETER for a, b in zip(old.parts, new.parts, strict=True))
+    """Whether the noise of a recording is less by more than QUIETER."""
+    return any(np.median(a.noise / b.noise) > QUIETER for a, b in zip(old.parts, new.parts, strict=True))
 
 
 def _other_noise(old: Problem, new: Problem) -> bool:
-    """Whether the noise of a recording is another one by more than LOUDER, or less in a few windows, see `_quieter`."""
+    """Whether the noise of a recording is another one by more than LOUDER."""
     ratios = [np.median(a.noise / b.noise) for a, b in zip(old.parts, new.parts, strict=True)]
-    return bool(np.any(np.abs(np.log(ratios)) > np.log(LOUDER))) or _quieter(old, new)
+    return bool(np.any(np.abs(np.log(ratios)) > np.log(LOUDER)))
 
 
 def _other_nuisances(old: Problem, new: Problem) -> bool:
