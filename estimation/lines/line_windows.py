@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from scipy import stats
 
 from estimation.lines.noise_shape import noise_shape
 
@@ -162,7 +161,7 @@ class LineWindows:
         around, others = _pooled(power) - power, _pooled(freedom) - freedom
         ratio = power * others / np.maximum(around * freedom, 1e-300)
         alone = (freedom >= 1) & (others >= 1) & (np.asarray(removed) == 0)  # a mode is louder than what is around it
-        alone[alone] = stats.f.sf(ratio[alone], 2 * freedom[alone], 2 * others[alone]) < LOUDER_BY_CHANCE
+        alone[alone] = scipy.special.fdtrc(2 * freedom[alone], 2 * others[alone], ratio[alone]) < LOUDER_BY_CHANCE
         alone = np.logical_and.accumulate(alone, axis=-1)
         quiet = _pooled(np.where(alone, 0.0, power)), _pooled(np.where(alone, 0.0, freedom))
         power, freedom = (np.where(alone, own, pooled) for own, pooled in zip((power, freedom), quiet, strict=True))
