@@ -148,6 +148,18 @@ def split_periods(signals: np.ndarray, samples_per_period: int) -> np.ndarray:
     return whole.reshape(len(signals), periods, samples_per_period).transpose(1, 0, 2)
 
 
+def from_middle(count: int) -> np.ndarray:
+    """Times (count,) of periods from the middle of all of them, in periods."""
+    return np.arange(count) - (count - 1) / 2
+
+
+def straightened(periods: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The slope per period of values (P, ...) of each period, and the values without their straight line over time."""
+    at = from_middle(len(periods))
+    slope = np.tensordot(at, periods, 1) / (at @ at)
+    return slope, periods - periods.mean(axis=0) - np.multiply.outer(at, slope)
+
+
 def period_drift(spectra: np.ndarray, w: np.ndarray, at: Sequence[int] | None = None) -> tuple[float, float] | None:
     """Drift of the phases of periods, as of a clock that is not that of the excitation.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimation.lines.periods import LineStatistics
+from estimation.lines.periods import LineStatistics, from_middle, split_periods, straightened
 
 FALSE_ALARM = 1e-5  # probability that noise alone shows a tone somewhere in a record
 NEIGHBOURS = 25  # bins on either side above which a tone must stand out
@@ -115,11 +115,9 @@ def _fading(values: np.ndarray, bins: Sequence[float], sizes: Sequence[np.ndarra
     count = values.shape[1] // per_period
     if count <= 2:
         return set()
-    lines = 2 / per_period * np.asarray(scipy.fft.rfft(values.reshape(len(values), count, per_period), axis=2))
-    mean, at = lines.mean(axis=1), np.arange(count) - (count - 1) / 2
-    slope = np.einsum("p,apk->ak", at, lines) / (at @ at)
-    rest = lines - mean[:, None] - at[:, None] * slope[:, None]
-    sd = np.sqrt((abs(rest) ** 2).sum(axis=1) / (count - 2) / (at @ at))
+    lines = 2 / per_period * np.asarray(scipy.fft.rfft(split_periods(values, per_period), axis=-1))
+    (slope, rest), mean, at = straightened(lines), lines.mean(axis=0), from_middle(count)
+    sd = np.sqrt((abs(rest) ** 2).sum(axis=0) / (count - 2) / (at @ at))
     # A line that is not excited has no more than its slope; one that is has far more.
     grown = (abs(slope) > GROWN * sd) & (count * abs(slope) < abs(mean))
     growth = np.where(grown, abs(slope) / np.where(mean == 0, 1.0, abs(mean)), 0.0).max(axis=0)

@@ -10,6 +10,7 @@ from math import ceil, log
 import numpy as np
 from scipy import stats
 
+from estimation.lines.periods import from_middle, straightened
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.point import Point
@@ -19,7 +20,7 @@ from sim2real.compared.whole_gain import GAIN, times_gain, with_more_gain
 from sim2real.recorded.drifting import DRIFTING, middle
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.wander import LEAST, from_middle, straightened
+from sim2real.recorded.wander import LEAST
 
 DRIFT = "drift"
 STEP = 0.01  # relative change of the gain for its derivative

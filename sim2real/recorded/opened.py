@@ -19,11 +19,11 @@ import numpy as np
 from scipy import stats
 
 from estimation.lines.noise_shape import noise_shape
+from estimation.lines.periods import straightened
 from maglev_env.rig.rig import axis_rig
 from sim2real.recorded.nominal import nominal_blocks, outputs_of
 from sim2real.recorded.records import Record
 from sim2real.recorded.tones import near_tones
-from sim2real.recorded.wander import straightened
 
 # Lines on either side over which noise is pooled: WINDOW, or NARROW where the noise is steeper than STEEP.
 WINDOW, NARROW, STEEP = 7, 1, 1.8

@@ -7,24 +7,14 @@ import numpy as np
 import scipy.fft
 from scipy import stats
 
+from estimation.lines.periods import from_middle, straightened
+
 LEAST = 3  # periods below which a trend cannot be told from noise
 LOWEST = 10  # lines of a period whose scatter is taken for that of its mean
 SURELY = 1e-5  # probability that noise alone makes a level seem to wander, or lines to fade
 # Power of the slope of an excited line in that of another line: a transient has a slope on every line, a gain that
 # drifts hardly where nothing is excited.
 ON_EXCITED = 10.0
-
-
-def from_middle(count: int) -> np.ndarray:
-    """Times (count,) of periods from the middle of all of them, in periods."""
-    return np.arange(count) - (count - 1) / 2
-
-
-def straightened(periods: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The slope per period of values (P, ...) of each period, and the values without their straight line over time."""
-    at = from_middle(len(periods))
-    slope = np.tensordot(at, periods, 1) / (at @ at)
-    return slope, periods - periods.mean(axis=0) - np.multiply.outer(at, slope)
 
 
 def without_wander(values: np.ndarray, per_period: int) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from campaigns import planned, repeated
 
+from estimation.lines.periods import straightened
 from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
@@ -21,7 +22,7 @@ from sim2real.compared.point import Point, experiment_at, tolerances
 from sim2real.compared.problem import assemble
 from sim2real.recorded.drifting import steady, trend
 from sim2real.recorded.records import read_records
-from sim2real.recorded.wander import straightened, without_leak, without_wander
+from sim2real.recorded.wander import without_leak, without_wander
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
 
