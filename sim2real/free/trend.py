@@ -89,6 +89,10 @@ class _Row:
 def trend_of(problem: Problem, judged: Problem, point: Point, seed: int) -> Trend | None:
     """The gain whose change over time explains most of the trends; None where there are none, or it does not hold.
 
+    The trends of the lines are taken for proportional to the change. A loop of another gain answers otherwise, so a
+    gain that has changed by a tenth when the recording ends is told a quarter too large or too small where the point
+    has the gain of its beginning, and a tenth where it has that of its middle.
+
     Args:
         problem: The recordings that were fitted; those without a period say nothing here.
         judged: The recordings that judge.
