@@ -121,18 +121,21 @@ def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None
     record = part.record
     if isinstance(record, OpenRecord) or record.count < LEAST or not record.nominal.controlled:
         return None
-    if record.count - (ringing := _ringing(record, point)) < LEAST:
-        return None
+    # What rings on has a slope on all lines. Along the derivative by the gain alone, there is hardly any of it.
+    may_ring = record.count - (ringing := _ringing(record, point)) < LEAST
     turned = _by_gain(part, point)
     if not np.isfinite(turned).all() or not turned.any():
         return None
-    slopes, variance = trends(record, part, ringing)
+    slopes, variance = trends(record, part, 0 if may_ring else ringing)
     turned, slopes, variance = (v[..., part.used] for v in (turned, slopes, variance))
     precision = float((abs(turned) ** 2 / variance).sum())
     change = float((turned.conj() * slopes / variance).real.sum() / precision)  # relative, in a period
-    chi2 = float((2 * abs(slopes) ** 2 / variance).sum()) - 2.0 * slopes.size
+    chi2 = max(float((2 * abs(slopes) ** 2 / variance).sum()) - 2.0 * slopes.size, 0.0)
+    scatter, along = float(np.sqrt(4.0 * slopes.size)), 2 * precision * change**2
+    if may_ring and (chi2 < CLEARLY * scatter or along < (1 - OTHER) * chi2):
+        return None
     per_second = record.experiment.fundamental
-    return change * per_second, per_second / np.sqrt(2 * precision), max(chi2, 0.0), np.sqrt(4.0 * slopes.size)
+    return change * per_second, per_second / float(np.sqrt(2 * precision)), chi2, scatter
 
 
 def _ringing(record: Record, point: Point) -> int:
