@@ -6,6 +6,7 @@ behind that no noise makes them probable keep the parameters that they had.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from estimation.lines.tones import Tone
 from sim2real.compared.bench_noise import BenchNoise
 from sim2real.compared.open_tones import resolution_of, toned
 from sim2real.compared.problem import Problem
+from sim2real.compared.stated_noise import STATED, louder_than_stated
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import evidence_of
 from sim2real.judgement.judge import reach
@@ -30,6 +32,7 @@ from sim2real.search.hypotheses import RESONANCES
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 MARGIN = 2.0  # times the cost that makes a candidate hopeless: what another noise and a refit may change of it
 QUIETER = 1.5  # times by which noise may have been taken too large
+SEARCHED = 1.3  # times the stated noise from which on pairs are looked for under that
 
 
 class Settled(NamedTuple):
@@ -76,6 +79,8 @@ def attributed(
     if not any(isinstance(r, OpenRecord) for r in records):
         return fitted, judged, attribution, []
     settled = _settled(fitted, judged, attribution, progress)
+    if (instead := _as_quiet_as_stated(settled, bench, progress)) is not None:
+        settled = instead
     if (instead := _with_tones_for_modes(settled, progress)) is not None:
         settled = instead
     fitted, judged, attribution, again, louder = settled
@@ -162,6 +167,26 @@ def _with_tones_for_modes(settled: Settled, progress: Callable[[str], None]) -> 
     if _surprise(fitted, found) >= _surprise(settled.fitted, attribution):
         return None
     return _settled(fitted, judged, found, progress)
+
+
+def _as_quiet_as_stated(settled: Settled, bench: BenchNoise, progress: Callable[[str], None]) -> Settled | None:
+    """The same with the pairs that are found under the noise that the rig states, where these explain the recordings
+    better under the noise that they leave; else None.
+
+    What a second effect does in recordings that never repeat passes for noise beside the first one, under which no pair
+    is promising. A rig that states too little noise only costs time: it is not what the pairs are judged by.
+    """
+    fitted, attribution = settled.fitted, settled.attribution
+    noisy = [(part.record, part.opened.outputs, part.noise) for part in fitted.parts]
+    if bench.shown or not louder_than_stated(noisy, SEARCHED):
+        return None
+    near, singles = _best(attribution).fit, tuple(c for c in attribution.candidates if len(c.effects) < 2)
+    quiet = replace(fitted, bench=STATED).again(near.hypothesis.point(near.u))
+    found = attribute(quiet, progress, replace(attribution, candidates=singles))
+    if len(_best(found).effects) < 2:
+        return None
+    new = _settled(replace(quiet, bench=bench), settled.judged, found, progress)
+    return new if _surprise(new.fitted, new.attribution) < _surprise(fitted, attribution) else None
 
 
 def _tones(record: Record | OpenRecord) -> Sequence[Tone]:

@@ -25,6 +25,7 @@ class Scales:
             / gain; of a single magnet that states none, that which carries the weight; infinite without magnets.
         rest: size of the current with which a single magnet carries the weight, A; 0 of a pair.
         lacks: which needs the rig does not fulfil.
+        motion: largest displacement from the mean in what is fitted, m; 0 where nothing is known of it.
     """
 
     period: float
@@ -32,6 +33,7 @@ class Scales:
     bias: float = inf
     rest: float = 0.0
     lacks: frozenset[Need] = frozenset()
+    motion: float = 0.0
 
     def wider(self, factor: float) -> "Scales":
         """Scales whose units are all larger by a factor."""
@@ -67,6 +69,8 @@ class Parameter:
             not a coordinate of the form.
         centre: value at which the prior of a form is centred, where that is not the default.
         within_bias: a fit keeps its size below the bias current of the rig.
+        in_proportion: what the effect does is in proportion to it, although a fit varies its logarithm.
+        of_motion: a fit keeps it above this share of the largest motion.
         sought: how far a fit goes, where that is less than the upper bound.
         beyond_rest: a fit keeps it above the current with which a single magnet carries the weight, and the prior of
             its reciprocal is as wide as that allows.
@@ -86,6 +90,8 @@ class Parameter:
     shape: float | None = None
     centre: float | None = None
     within_bias: bool = False
+    in_proportion: bool = False
+    of_motion: float = 0.0
     sought: float = inf
     beyond_rest: bool = False
     needs: tuple[Need, ...] = ()

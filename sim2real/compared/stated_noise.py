@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from estimation.lines.line_windows import KEPT
+from sim2real.compared.bench_noise import BenchNoise
 from sim2real.recorded.open_evidence import noise_of_force
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
@@ -20,16 +21,16 @@ OVER_STATED, BEYOND_STATED, LOUDEST = 2.0, 3.0, 0.2
 Noisy = tuple[Record | OpenRecord, Sequence[str], np.ndarray]  # a recording, its outputs and noise (outputs, axes, n)
 
 
-def louder_than_stated(parts: Iterable[Noisy]) -> dict[str, float]:
-    """Recording -> how many times as loud its noise is as the rig states, at least in the loudest share of the band,
-    where that is more than OVER_STATED.
+def louder_than_stated(parts: Iterable[Noisy], least: float = OVER_STATED) -> dict[str, float]:
+    """Recording -> how many times as loud its noise is as the rig states, at least in the loudest share of the band.
 
     What an effect leaves is often loud at low frequencies alone, where the rotor moves.
 
     Args:
         parts: of a campaign that repeats nowhere.
+        least: what counts.
     """
-    return {name: most for name, _, most in _ratios(parts) if most > OVER_STATED}
+    return {name: most for name, _, most in _ratios(parts) if most > least}
 
 
 def scattered(parts: Iterable[Noisy]) -> float:
@@ -58,6 +59,19 @@ def _stated(record: OpenRecord, outputs: Sequence[str]) -> np.ndarray:
     current = rig.noise.current**2 + (dac * rig.amplifier_gain) ** 2 / 12
     of_force = np.repeat(noise_of_force(record, loop, outputs), KEPT, axis=-1)
     return 4 / record.windows.samples * (reading + plant * current) + of_force
+
+
+class StatedNoise(BenchNoise):
+    """The noise of the displacement that the rig states, in place of what recordings with a period show."""
+
+    def most(self, record: OpenRecord, outputs: Sequence[str]) -> np.ndarray:
+        """As of `BenchNoise`, (outputs, axes, n); inf where the rig states none."""
+        sd = np.sqrt(_stated(record, outputs))
+        known = np.array([output == "plant" and bool(record.nominal.noise.displacement) for output in outputs])
+        return np.where(known[:, None, None], sd, np.inf)
+
+
+STATED = StatedNoise({})
 
 
 def louder_in_words(loud: Mapping[str, float]) -> list[str]:

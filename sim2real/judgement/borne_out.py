@@ -26,7 +26,9 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. What leaves
     most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. A holdout
     of which no more than noise is left with what these show beyond doubt, wherever they let its parameters be, says
-    nothing of it, as of a limit that it does not reach. Tones are kept: they leave the compared lines alone.
+    nothing of it, as of a limit that it does not reach. Where calibration leaves a clear gap of the holdout only because
+    the fitted recordings hardly tell a parameter that it depends on, as the gain of a force, so does what is named: both
+    are then compared wherever those let their parameters be. Tones are kept: they leave the compared lines alone.
 
     Args:
         judged: The holdout.
@@ -43,8 +45,12 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
         return list(named)
     least = nominal if alone is None or alone <= CLEAR_GAP else min(nominal, alone)
     as_stated = _as_stated(attribution)
+    anywhere = left_on(judged, tried[0]) if alone is not None and alone > CLEAR_GAP else np.inf
+    untold = anywhere < most_of_noise(judged.data.size)
 
     def bears_out(fit: Fit, left: np.ndarray) -> bool:
+        if untold:
+            return left_on(judged, fit) < anywhere + NO_GAP
         gap = gap_of(left)
         if gap is None or (as_stated and lost(calibrated, left) > NO_GAP):
             return False

@@ -17,7 +17,7 @@ from sim2real.compared.point import Point
 from sim2real.search.fit import Fit
 from sim2real.search.hypotheses import NO_RESONANCE, REPLACED, RESONANCES, added_lag, dead_part
 
-STOP, FREE_PLAY = "soft_stop", 0.02  # share of the motion within which a stop must leave the rotor alone
+STOP, NEARLY = "soft_stop", 1.01  # times the least distance of a stop at which a fit of it has ended there
 # Share of the field at which iron saturates that the fields in the gaps must reach. Below it a knee of any sharpness
 # bends nothing: what it does is that of a smaller force constant, which has a name of its own.
 KNEE, REACHED = "saturation", 0.1
@@ -37,7 +37,8 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
     ratios = [point.effects[name]["damping_ratio"] for name in fit.hypothesis.effects if name in RESONANCES]
     if max(ratios, default=0.0) >= NO_RESONANCE:
         return np.inf
-    if STOP in fit.hypothesis.effects and point.effects[STOP]["distance"] < FREE_PLAY * motion:
+    least = NEARLY * EFFECTS[STOP].parameters["distance"].of_motion * motion
+    if STOP in fit.hypothesis.effects and point.effects[STOP]["distance"] < least:
         return np.inf
     own = zip(fit.hypothesis.coordinates, fit.u, strict=False)
     if any(EFFECTS[c.effect].parameters[c.parameter].within_bias and c.at_bound(float(u)) for c, u in own):

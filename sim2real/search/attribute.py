@@ -9,6 +9,7 @@ from sim2real.compared.commands_seen import LOST, share_lost
 from sim2real.compared.drift import drift_of
 from sim2real.compared.point import DITHERED, MAY_BE_DITHERED, NOMINAL, tolerances, unseen_by_all
 from sim2real.compared.problem import Problem
+from sim2real.compared.reached import motion_reached
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
@@ -57,7 +58,8 @@ def attribute(
     progress("calibration")
     lost = share_lost(problem)
     seen = {LOST: lost} if lost is not None else {}
-    base = Hypothesis((), allowed, scales=rig.scales, usual=usual_tolerances(rig), own=rig.effects, seen=seen)
+    scales = replace(rig.scales, motion=motion_reached(problem))
+    base = Hypothesis((), allowed, scales=scales, usual=usual_tolerances(rig), own=rig.effects, seen=seen)
     untouched, *calibration = begin([base] * 2, [np.zeros(base.size)] * 2, problem.data, problem.simulate)
     nominal = untouched.cost
     if np.isfinite(nominal):

@@ -73,8 +73,8 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
         return ()
     own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if p.is_meant_on(scales))
     # A zero that is off by more than the bias current would leave a magnet without any.
-    most = ((key, p, scales.bias if p.within_bias else inf) for key, p in own)
-    return tuple(Coordinate(name, key, p.scale, max(p.low, -end), min(p.high, p.sought, end)) for key, p, end in most)
+    ends = ((key, p, max(p.low, p.of_motion * scales.motion), scales.bias if p.within_bias else inf) for key, p in own)
+    return tuple(Coordinate(name, key, p.scale, max(low, -end), min(p.high, p.sought, end)) for key, p, low, end in ends)
 
 
 # Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be

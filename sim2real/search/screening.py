@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
+from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.point import TOLERANCE_EFFECTS
 from sim2real.compared.problem import Part, Problem
 from sim2real.search.fit import Fit, cost_of
@@ -13,6 +15,7 @@ from sim2real.search.following import following
 from sim2real.search.hypotheses import AT_BOUND, Hypothesis, coordinates_of
 
 MOST_SCALED = 10.0  # multiple of its start that a linear prediction may give a size
+MOST_GROWN = 30.0  # the same, and its inverse, of one that a fit varies on a logarithmic scale
 MUCH = 0.3  # share of the most that any record leaves beyond noise from which the one with the largest motion is taken
 FOLLOWED = 2  # starts of an effect that are simulated where they lead; of a resonance, at every frequency
 RESONANT, APART = 3, 0.2  # starts of a resonance that are followed, and their least distance in ln frequency
@@ -155,7 +158,7 @@ class _Look:
     def followed(self, h: Hypothesis, u: np.ndarray, change: np.ndarray) -> _Promise:
         """A start with its effect scaled to fit the residual best and all else following it.
 
-        Sizes on a logarithmic scale are kept.
+        Of those on a logarithmic scale only that is scaled to which what an effect does is in proportion.
 
         Args:
             h: Its hypothesis.
@@ -168,13 +171,26 @@ class _Look:
                 without[i] = 0.0
         own, along = (float(np.squeeze(v)) for v in self.follows.along(change[None]))
         if (without == u).all():
-            return _Promise(h, [self._moved(h, u, change)], 2.0 * along - own)
+            return self._grown(h, u, change, own, along)
         without = extended(h, without[: len(h.coordinates)], self.seed)
         forms = [i for i, name in enumerate(h.calibrated, len(h.coordinates)) if name in h.shapes]
         without[forms] = u[forms]
         share = self._share(own, along, float(np.vdot(change, change).real))
         moved = [self._moved(h, without + part * (u - without), part * change) for part in (share, 0.5 * share)]
         return _Promise(h, moved, share * (2.0 * along - share * own))
+
+    def _grown(self, h: Hypothesis, u: np.ndarray, change: np.ndarray, own: float, along: float) -> _Promise:
+        """A start as it is, and with the size to which what it does is in proportion as the residual asks."""
+        at, saved = [self._moved(h, u, change)], 2.0 * along - own
+        new = zip(range(self.new.start, self.new.stop), h.coordinates[self.new], strict=True)
+        sizes = [i for i, c in new if EFFECTS[c.effect].parameters[c.parameter].in_proportion]
+        if sizes and own > 0 and along > 0:
+            share = float(np.clip(along / own, 1 / MOST_GROWN, MOST_GROWN))
+            grown = u.copy()
+            grown[sizes] += log(share)
+            at.append(self._moved(h, h.bounded(grown), share * change))
+            saved = max(saved, share * (2.0 * along - share * own))
+        return _Promise(h, at, saved)
 
     def _share(self, own: float, along: float, size: float) -> float:
         """Share of a change that fits the residual best when the other parameters may follow."""
