@@ -97,8 +97,19 @@ def remove_tones(
     for i, tone in enumerate(believed):
         if not tone:
             shift(i, 1.0)
-    found = zip(bins, amplitudes, chi2, believed, strict=True)
-    return cleaned, [Tone(b * rate / total, a, c) for b, a, c, tone in found if tone]
+    # A tone off its bin leaks into all others, and hides there how quiet the record is.
+    own, _, level = _around(cleaned["displacement"], per_period)
+    found = [
+        Tone(b * rate / total, a, max(c, _power_over(level[:, np.argmin(abs(own - b))], a["displacement"], total)))
+        for b, a, c, tone in zip(bins, amplitudes, chi2, believed, strict=True)
+        if tone
+    ]
+    return cleaned, found
+
+
+def _power_over(level: np.ndarray, amplitude: np.ndarray, total: int) -> float:
+    """Power of a tone of an amplitude (axes,) over that of the noise of a bin (axes,), as `Tone.chi2`."""
+    return float((2 * abs(amplitude * total / 2) ** 2 / level).sum())
 
 
 def _fading(values: np.ndarray, bins: Sequence[float], sizes: Sequence[np.ndarray], per_period: int) -> set[int]:

@@ -7,7 +7,7 @@ from math import exp, inf, log
 
 import numpy as np
 
-from maglev_env.loop.card import SMALL_ROTOR, Scales
+from maglev_env.loop.card import SMALL_ROTOR, Parameter, Scales
 from maglev_env.loop.effect import EFFECTS, NO_EFFECTS, Effects, effect_value, meaningful
 from maglev_env.loop.free.places import NAMES as FREE
 from maglev_env.rig.rig import Rig
@@ -73,8 +73,13 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
         return ()
     own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if p.is_meant_on(scales))
     # A zero that is off by more than the bias current would leave a magnet without any.
-    ends = ((key, p, max(p.low, p.of_motion * scales.motion), scales.bias if p.within_bias else inf) for key, p in own)
+    ends = ((key, p, _least(p, scales), scales.bias if p.within_bias else inf) for key, p in own)
     return tuple(Coordinate(name, key, p.scale, max(low, -end), min(p.high, p.sought, end)) for key, p, low, end in ends)
+
+
+def _least(p: Parameter, scales: Scales) -> float:
+    """Lower end of what a fit seeks, where no bias bounds it."""
+    return max(p.low, p.of_motion * scales.motion) if p.of_motion else p.low
 
 
 # Real lags are not pure first-order. Up to MOST_FORM of a fitted lag (prior standard deviation FORM_SHARE) may be

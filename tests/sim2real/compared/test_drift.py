@@ -136,6 +136,17 @@ def test_periods_that_a_slow_loop_still_reaches_have_no_trend(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("rate", [0.0, 0.1])
+def test_what_changes_along_the_gain_alone_is_a_drift_in_a_loop_that_may_ring_on(tmp_path, monkeypatch, rate):
+    """A transient has slopes on all lines, and these are not those of another gain."""
+    (part,) = problem(tmp_path, effect("gain_drift", rate) if rate else {}, range(1)).parts
+    monkeypatch.setattr(drift_module, "_ringing", lambda record, point: record.count)
+    slope = _slope(part, NOMINAL)
+    assert (slope is None) == (rate == 0)
+    assert slope is None or slope[0] == pytest.approx(rate, rel=0.2)
+
+
+@pytest.mark.slow
 def test_the_rate_of_a_drift_is_found_and_another_one_costs(tmp_path):
     """Of a gain that the kernel multiplies by 1 + rate t."""
     found = problem(tmp_path, effect("gain_drift", 0.1), range(3))
