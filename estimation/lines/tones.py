@@ -18,6 +18,7 @@ HALF = 0.5  # bins of a period, from a line to where another one is nearer
 ROUNDING = 1e-12  # of a reading, below which its noise is not to be compared with anything
 PART = 0.3  # of an excited line, that what it grows or fades by may be beside it
 ALIKE = 0.25  # of the relative growth of a line, from which another one grows alike
+LEAKS = 10.0  # times a tone's chi-square that it must have beside the noise without it for it to hide that noise
 GROWN = 5.0  # standard deviations by which a line must grow or fade over the periods to do so
 BESIDE, SWEEPS = 4.0, 12  # bins within which tones take from each other, and rounds in which these are fitted again
 
@@ -99,12 +100,10 @@ def remove_tones(
             shift(i, 1.0)
     # A tone off its bin leaks into all others, and hides there how quiet the record is.
     own, _, level = _around(cleaned["displacement"], per_period)
-    found = [
-        Tone(b * rate / total, a, max(c, _power_over(level[:, np.argmin(abs(own - b))], a["displacement"], total)))
-        for b, a, c, tone in zip(bins, amplitudes, chi2, believed, strict=True)
-        if tone
-    ]
-    return cleaned, found
+    without = [_power_over(level[:, np.argmin(abs(own - b))], a, total) for b, a in zip(bins, sizes, strict=True)]
+    chi2 = [w if w > LEAKS * c else c for c, w in zip(chi2, without, strict=True)]
+    found = zip(bins, amplitudes, chi2, believed, strict=True)
+    return cleaned, [Tone(b * rate / total, a, c) for b, a, c, tone in found if tone]
 
 
 def _power_over(level: np.ndarray, amplitude: np.ndarray, total: int) -> float:

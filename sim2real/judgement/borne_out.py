@@ -26,9 +26,10 @@ def borne_out(judged: Problem, attribution: Attribution, named: Sequence[Entry])
     where that leaves a clear gap, and not clearly worse where calibration keeps to what the rig states. What leaves
     most of a gap that is clearly there, and perhaps all of it, has followed the recordings that were fitted. A holdout
     of which no more than noise is left with what these show beyond doubt, wherever they let its parameters be, says
-    nothing of it, as of a limit that it does not reach. Where calibration leaves a clear gap of the holdout only because
-    the fitted recordings hardly tell a parameter that it depends on, as the gain of a force, so does what is named: both
-    are then compared wherever those let their parameters be. Tones are kept: they leave the compared lines alone.
+    nothing of it, as of a limit that it does not reach. Where calibration leaves a clear gap of the holdout only
+    because the fitted recordings hardly tell a parameter that it depends on, as the gain of a force, so may what is
+    named: both are then compared wherever those let their parameters be. Tones are kept: they leave the compared lines
+    alone.
 
     Args:
         judged: The holdout.

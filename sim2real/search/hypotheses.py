@@ -74,7 +74,9 @@ def coordinates_of(name: str, scales: Scales = SMALL_ROTOR) -> tuple[Coordinate,
     own = ((key, p.on(scales)) for key, p in EFFECTS[name].plain.items() if p.is_meant_on(scales))
     # A zero that is off by more than the bias current would leave a magnet without any.
     ends = ((key, p, _least(p, scales), scales.bias if p.within_bias else inf) for key, p in own)
-    return tuple(Coordinate(name, key, p.scale, max(low, -end), min(p.high, p.sought, end)) for key, p, low, end in ends)
+    return tuple(
+        Coordinate(name, key, p.scale, max(low, -end), min(p.high, p.sought, end)) for key, p, low, end in ends
+    )
 
 
 def _least(p: Parameter, scales: Scales) -> float:

@@ -19,7 +19,11 @@ STIFFEST = 1.0  # rad that the mover may turn by on a spring in one step
 EFFECTS: Mapping[str, EffectCard] = {
     "cubic_spring": EffectCard(
         "mechanics",
-        {"coefficient": Parameter("N/m^3", 1.0, 1e20, absent=0.0, starts=tuple(np.geomspace(1e15, 1e6, 10)), in_proportion=True)},
+        {
+            "coefficient": Parameter(
+                "N/m^3", 1.0, 1e20, absent=0.0, starts=tuple(np.geomspace(1e15, 1e6, 10)), in_proportion=True
+            )
+        },
         "a spring whose force grows with the cube of the displacement (Duffing): flexures and membranes harden",
         "force and displacement at two amplitudes or static offsets",
         flexible=True,
@@ -29,7 +33,9 @@ EFFECTS: Mapping[str, EffectCard] = {
     "soft_stop": EffectCard(
         "mechanics",
         {
-            "distance": Parameter("m", 1e-9, 0.1, absent=inf, starts=tuple(np.geomspace(3e-6, 3e-3, 7)), of_motion=PLAY),
+            "distance": Parameter(
+                "m", 1e-9, 0.1, absent=inf, starts=tuple(np.geomspace(3e-6, 3e-3, 7)), of_motion=PLAY
+            ),
             "stiffness": Parameter("N/m", 1e-3, 1e12, 1e5, starts=(30.0, 1e3, 1e5), in_proportion=True),
             # 1 is a spring, 1.5 a round body on a flat one (Hertz), 2 a tip or rubber that is squeezed.
             "steepness": Parameter("", 1.0, 4.0, 1.0, shape=0.4, centre=1.4),

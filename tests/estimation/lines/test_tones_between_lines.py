@@ -135,6 +135,14 @@ def test_the_chi_square_of_a_tone_is_its_power_over_the_noise():
     assert 0.7 * 0.2**2 * TOTAL / 2 < np.mean(sizes) < 0.2**2 * TOTAL / 2 + 4  # told by the loudest of three floors
 
 
+@pytest.mark.parametrize("frequency", [53.0, 52.7])
+def test_a_loud_tone_between_two_bins_does_not_hide_how_quiet_the_record_is(frequency):
+    """Its leakage is 80 times the noise of the bins beside it."""
+    noise = 0.01 * np.random.default_rng(9).standard_normal(TOTAL)
+    (tone,) = found_in(sine(frequency, 1.0) + noise)[1]
+    assert tone.chi2 == pytest.approx(TOTAL / 2 / 0.01**2, rel=0.4)
+
+
 def test_two_axes_have_a_tone_in_common():
     rng = np.random.default_rng(5)
     values = rng.standard_normal((2, TOTAL)) + np.array([[0.03], [-0.2]]) * sine(1234.5, 1.0, 0.0)

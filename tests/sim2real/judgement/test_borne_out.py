@@ -69,6 +69,20 @@ def test_a_holdout_without_a_gap_says_nothing_of_what_is_beyond_doubt(monkeypatc
     assert borne_out(holdout, attribution, ENTRIES[:1]) == (ENTRIES[:1] if kept else [])
 
 
+@pytest.mark.parametrize(
+    ("plain", "with_effect", "kept"),
+    [(1.0, 1.0, True), (1.0, 1.1, True), (1.0, 1.3, False), (2.5, 2.5, False)],  # the last: more than noise is left
+)
+def test_a_holdout_that_depends_on_what_the_fitted_ones_hardly_tell_refutes_nothing(
+    monkeypatch, plain, with_effect, kept
+):
+    """Both leave a clear gap of it at the values of the fit, calibration less, and noise where these may be."""
+    holdout, attribution = judged(3.0, 1.8, 1.9)
+    left = {(): plain, ENTRIES[0].effects: with_effect}
+    monkeypatch.setattr(borne_out_module, "left_on", lambda problem, fit: 2 * 50 * left[fit.hypothesis.effects])
+    assert borne_out(holdout, attribution, ENTRIES[:1]) == (ENTRIES[:1] if kept else [])
+
+
 def test_the_probability_of_what_is_refuted_goes_to_the_others():
     found = without(ENTRIES, ENTRIES[:1])
     assert [e.effects[0] for e in found] == ["support_resonance", "runout", "unknown", "sensor_resonance"]

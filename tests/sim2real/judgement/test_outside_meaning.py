@@ -9,7 +9,7 @@ from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.judgement.outside_meaning import NO_RESONANCE, meaningless_cost
 from sim2real.search.fitting import begin, differentiate, iterate
-from sim2real.search.hypotheses import FORM_SHARE, Hypothesis
+from sim2real.search.hypotheses import FORM_SHARE, Hypothesis, coordinates_of
 
 RIG = load_rig("hmb_free")
 DAMPED = Hypothesis(("damping",), {}, scales=RIG.scales)
@@ -56,6 +56,15 @@ def test_a_stop_that_touches_wherever_the_rotor_is_is_none(distance, cost):
     u = np.array([c.at(values.get(c.parameter, max(c.low, 1.0))) for c in h.coordinates])
     (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
     assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
+
+
+def test_a_fit_keeps_a_stop_within_the_motion_and_what_has_a_sign_free():
+    scales = replace(RIG.scales, motion=1e-4)
+    bounds = {c.parameter: (c.low, c.high) for c in coordinates_of("soft_stop", scales)}
+    assert bounds["distance"] == (pytest.approx(2e-6), 0.1)
+    for name in ("gain_drift", "asymmetric_gain", "negative_stiffness", "soft_stop"):
+        others = ((c, p) for c, p in zip(coordinates_of(name, scales), coordinates_of(name, RIG.scales), strict=True))
+        assert all(c == p for c, p in others if c.parameter != "distance")
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,24 @@ def seeded(toy, hypothesis):
     return seed
 
 
+@pytest.mark.parametrize("times", [0.1, 4.0])
+def test_a_spring_begins_as_strong_as_the_residual_asks(times):
+    """Its coefficient, which a fit varies on a logarithmic scale, is found at once between starts a decade apart."""
+    toy = Toy(4, (0.0, 0.0, 0.0))
+    cube = np.random.default_rng(5).standard_normal(ROWS) * (1 + 1j)
+    toy.data = toy.data + 30 * cube
+    known = toy.simulate
+
+    def simulate(points, settled=True):
+        strong = [p.effects.get("cubic_spring", {}).get("coefficient", 0.0) / (1e9 * times) for p in points]
+        return known(points) + 30 * np.array(strong)[:, None] * cube
+
+    toy.simulate = simulate
+    seed, h = seeded(toy, Hypothesis((), {})), Hypothesis(("cubic_spring",), {})
+    best = screened(toy, [(seed, h, start) for start in starts("cubic_spring")])[0]
+    assert np.exp(best.u[0]) == pytest.approx(1e9 * times, rel=0.02)
+
+
 def test_a_start_takes_along_what_follows_it():
     """A delay beside calibration: its size and both tolerances, priors included, at once."""
     toy = Toy(1, (0.2, -0.3, 4.0))
