@@ -1,6 +1,6 @@
 """An experiment: a rig with effects and gains, its excitations and duration, and the seed of its noise."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
@@ -10,7 +10,7 @@ import numpy as np
 from maglev_env.channels import MEASURED, SENSORS, SPECTRAL, simulated_channels
 from maglev_env.fields import is_number
 from maglev_env.loop.axes import suffixes
-from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects
+from maglev_env.loop.effect import EFFECTS, FINER, NO_EFFECTS, Effects, check_effects, effect_value
 from maglev_env.loop.gains import NO_CONTROLLER, Controller, Controllers, of_axis, reads_current
 from maglev_env.rig.excitation import Excitation, axis_excitations, check_interleaved
 from maglev_env.rig.rig import Rig, axis_rig
@@ -35,6 +35,7 @@ class Experiment:
         sample_rate: of the recording, Hz: an integer multiple or fraction of the control rate; None: the control rate.
         sensor: "probe", "self_sensing" by the rig's own coils (see `loop.self_sensor`), or a self-sensor for each axis.
         speed_rpm: speed of rotation, 1/min.
+        apart: effect that changes a nominal parameter -> how much larger that is along y than along x, as a share.
 
     Raises:
         ValueError: A value is not valid, or the parts do not fit together; the message says which.
@@ -51,6 +52,7 @@ class Experiment:
     sample_rate: float | None = None
     sensor: str | tuple[SelfSensor, ...] = "probe"
     speed_rpm: float = 0.0
+    apart: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         effects = f", with {', '.join(self.effects)}" if self.effects else ""
@@ -233,8 +235,19 @@ def _one_axis(e: Experiment, axis: int) -> Experiment:
     sensor = e.sensor[axis : axis + 1] if isinstance(e.sensor, tuple) else e.sensor
     rig = axis_rig(e.rig, axis)
     effects = {name: values for name, values in e.effects.items() if "two_axes" not in EFFECTS[name].needs}
+    for name, more in e.apart.items():
+        changed = (1 + effect_value(effects, name)) * (1 + (axis - 0.5) * more) - 1
+        effects[name] = {**effects.get(name, {}), "change": changed}
     return replace(
-        e, rig=rig, gains=gains, excitations=own, effects=effects, seed=axis_seed(e, axis), offset=offset, sensor=sensor
+        e,
+        rig=rig,
+        gains=gains,
+        excitations=own,
+        effects=effects,
+        seed=axis_seed(e, axis),
+        offset=offset,
+        sensor=sensor,
+        apart={},
     )
 
 

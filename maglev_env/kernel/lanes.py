@@ -133,7 +133,8 @@ def structural(e: Experiment) -> tuple:
     """What the structure of an experiment depends on, which leaves out the values of PID gains."""
     gains = e.gains if isinstance(e.gains, tuple) else (e.gains,)
     effects = tuple((name, *values.items()) for name, values in e.effects.items())
-    return id(e.rig), id(e.sensor), effects, tuple(type(g) if isinstance(g, Gains) else id(g) for g in gains)
+    apart = tuple(e.apart.items())
+    return id(e.rig), id(e.sensor), effects, apart, tuple(type(g) if isinstance(g, Gains) else id(g) for g in gains)
 
 
 def _constants_of(e: Experiment) -> tuple:

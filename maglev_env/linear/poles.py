@@ -1,6 +1,6 @@
 """The linearised sampled loop in state space, and its poles."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def all_poles(experiments: Sequence[Experiment], without: int | None = None) -> 
     for i, e in enumerate(experiments):
         effects = tuple((name, *values.items()) for name, values in e.effects.items())
         states = [states_of(of_axis(e.gains, axis), 1 / e.rig.control_rate) for axis in range(e.rig.axes)]
-        alike.setdefault((id(e.rig), id(e.sensor), effects, *states), []).append(i)
+        alike.setdefault((id(e.rig), id(e.sensor), effects, tuple(e.apart.items()), *states), []).append(i)
     found: list[np.ndarray] = [np.empty(0)] * len(experiments)
     for members in alike.values():
         first = experiments[members[0]]
@@ -56,7 +56,7 @@ def all_poles(experiments: Sequence[Experiment], without: int | None = None) -> 
             realised_together([of_axis(experiments[i].gains, axis) for i in members], 1 / first.rig.control_rate)
             for axis in range(first.rig.axes)
         ]
-        a, b_force, b_old, b_new, c, current = _plant(first.rig, first.effects, first.sensor)
+        a, b_force, b_old, b_new, c, current = _plant(first.rig, first.effects, first.sensor, first.apart)
         if without is not None:
             c = np.where(np.arange(len(c))[:, None] == without, 0.0, c)
         growth, loops = _growing(first), _closed(first, (a, b_force, b_old, b_new, c, current), stacked)[0]
@@ -66,9 +66,11 @@ def all_poles(experiments: Sequence[Experiment], without: int | None = None) -> 
 
 
 @by_value(16)
-def _plant(rig: Rig, effects: Effects, sensor: str | tuple[SelfSensor, ...]) -> tuple[np.ndarray, ...]:
+def _plant(
+    rig: Rig, effects: Effects, sensor: str | tuple[SelfSensor, ...], apart: Mapping[str, float]
+) -> tuple[np.ndarray, ...]:
     """The `discrete_plant` of experiments that differ in controllers alone."""
-    return discrete_plant(Experiment(rig, NO_CONTROLLER, (), effects=effects, sensor=sensor))
+    return discrete_plant(Experiment(rig, NO_CONTROLLER, (), effects=effects, sensor=sensor, apart=apart))
 
 
 def _growing(e: Experiment) -> list[float]:

@@ -15,6 +15,8 @@ from sim2real.recorded.records import Record
 
 # A tolerance of one of these parameters is a small effect of the given name.
 TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
+# What is another one along either axis, and what the name of its difference ends in. A tolerance is stated of both.
+OF_EACH_AXIS, APART = ("actuator_gain", "negative_stiffness", "probe_gain"), " of y beyond that of x"
 RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 # Sensor noise smooths hard nonlinearities (dithering). Limits are always smoothed; hysteresis and friction are smoothed
@@ -56,10 +58,12 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
     """
     made = {} if made is None else made
     effects = {name: dict(values) for name, values in point.effects.items()}
-    factors = {}
+    factors, apart = {}, {}
     for name, change in point.changes.items():
         known = TOLERANCE_EFFECTS.get(name)
-        if known is None:
+        if name.endswith(APART):
+            apart[TOLERANCE_EFFECTS[name.removesuffix(APART)]] = change
+        elif known is None:
             factors[name] = 1 + change
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
@@ -67,7 +71,7 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
     key = tuple(factors.items())
     if key not in made:
         made[key] = scaled_rig(e.rig, factors) if factors else e.rig
-    return replace(e, rig=made[key], effects=effects)
+    return replace(e, rig=made[key], effects=effects, apart=apart)
 
 
 def tolerances(rig: Rig) -> dict[str, float]:
@@ -78,6 +82,13 @@ def tolerances(rig: Rig) -> dict[str, float]:
         return bool(getattr(rig, name)) if effect_of is None else meaningful(effect_of, rig.capabilities)
 
     return {name: sigma for name, sigma in rig.tolerance.items() if sigma > 0 and simulated(name)}
+
+
+def apart_tolerances(rig: Rig) -> dict[str, float]:
+    """Relative 1-sigma differences between the axes of what each of two axes has of its own: magnets and probes."""
+    if rig.axes == 1:
+        return {}
+    return {name + APART: sigma for name, sigma in tolerances(rig).items() if name in OF_EACH_AXIS}
 
 
 def unseen_by(record: Record | OpenRecord) -> frozenset[str]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from sim2real.compared.commands_seen import LOST, share_lost
 from sim2real.compared.drift import drift_of
-from sim2real.compared.point import DITHERED, MAY_BE_DITHERED, NOMINAL, tolerances, unseen_by_all
+from sim2real.compared.point import DITHERED, MAY_BE_DITHERED, NOMINAL, apart_tolerances, tolerances, unseen_by_all
 from sim2real.compared.problem import Problem
 from sim2real.compared.reached import motion_reached
 from sim2real.recorded.drifting import DRIFTING
@@ -54,7 +54,7 @@ def attribute(
     hidden = unseen_by_all([part.record for part in problem.parts])
     if not may_drift(problem):
         hidden |= {DRIFTING}
-    allowed = tolerances(rig)
+    allowed = tolerances(rig) | apart_tolerances(rig)
     progress("calibration")
     lost = share_lost(problem)
     seen = {LOST: lost} if lost is not None else {}

@@ -12,6 +12,7 @@ from reference_simulator import simulate
 from maglev_env.experiment import Experiment, axis_experiment, without_noise
 from maglev_env.kernel.simulate import simulate_records
 from maglev_env.linear.expected import expected_statistics
+from maglev_env.linear.poles import closed_loop_poles
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.kinds import force_law
@@ -127,3 +128,25 @@ def test_a_finer_record_with_noise_is_the_same_experiment():
 def test_what_belongs_to_the_whole_rig_is_refused_for_one_axis(own):
     with pytest.raises(ValueError, match=rf"\[axis.y\]: unknown key '{next(iter(own))}'"):
         replace(BARE, per_axis={"y": own})
+
+
+def test_axes_whose_magnets_and_probes_differ_move_as_rigs_of_one_axis_each():
+    """Without a coupling each axis is a rig of its own, whose gain, stiffness and probe are off by half the difference
+    more than both are."""
+    apart = {"actuator_gain": 0.06, "negative_stiffness": -0.08, "sensor_gain": 0.02}
+    push = Excitation("sphs", "force", 50.0, (1, 3, 5), 0.05, direction=30.0)
+    both = effect("actuator_gain", -0.03)
+    e = without_noise(Experiment(BARE, BARE.gains, (push,), periods=2, effects=both, apart=apart))
+    found = axes_of(simulate_records([e])[0])
+    for axis in range(2):
+        own = axis_experiment(replace(e, apart={}), axis)
+        off = {name: (axis - 0.5) * more for name, more in apart.items()}
+        off["actuator_gain"] = 0.97 * (1 + off["actuator_gain"]) - 1
+        effects = {name: {"change": change} for name, change in off.items()}
+        alone = simulate_records([replace(own, effects=effects)])[0]
+        np.testing.assert_allclose(found[:, axis], alone, rtol=1e-9, atol=1e-15)
+        assert not np.allclose(found[:, axis], simulate_records([own])[0], rtol=1e-3)
+    unlike, alike = (closed_loop_poles(one) for one in (e, replace(e, apart={})))
+    parts = [closed_loop_poles(axis_experiment(e, axis)) for axis in range(2)]
+    np.testing.assert_allclose(np.sort(abs(unlike)), np.sort(abs(np.concatenate(parts))), rtol=1e-9, atol=1e-12)
+    assert not np.allclose(np.sort(abs(unlike)), np.sort(abs(alike)), rtol=1e-4)
