@@ -63,4 +63,5 @@ def continuous_plant(experiment: Experiment) -> tuple[np.ndarray, np.ndarray, np
         pushed[own[other][VELOCITY]] -= damping
         m[own[axis]] += np.outer(parts[axis].driven, pushed / lane_values([views[axis]]).mass)
         c[axis, own[other]] += sensor * parts[other].reading
-    return m, c[:, :states] * (1 + effect_value(experiment.effects, "sensor_gain")), current
+    scale = np.array([1 + effect_value(view.effects, "sensor_gain") for view in views])
+    return m, c[:, :states] * scale[:, None], current
