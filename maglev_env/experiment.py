@@ -35,7 +35,8 @@ class Experiment:
         sample_rate: of the recording, Hz: an integer multiple or fraction of the control rate; None: the control rate.
         sensor: "probe", "self_sensing" by the rig's own coils (see `loop.self_sensor`), or a self-sensor for each axis.
         speed_rpm: speed of rotation, 1/min.
-        apart: effect that changes a nominal parameter -> how much larger that is along y than along x, as a share.
+        apart: effect that changes a nominal parameter -> how much larger that is along y than along x, as a share,
+            within the bounds of the effect.
 
     Raises:
         ValueError: A value is not valid, or the parts do not fit together; the message says which.
@@ -236,8 +237,9 @@ def _one_axis(e: Experiment, axis: int) -> Experiment:
     rig = axis_rig(e.rig, axis)
     effects = {name: values for name, values in e.effects.items() if "two_axes" not in EFFECTS[name].needs}
     for name, more in e.apart.items():
-        changed = (1 + effect_value(effects, name)) * (1 + (axis - 0.5) * more) - 1
-        effects[name] = {**effects.get(name, {}), "change": changed}
+        changed, bounds = (1 + effect_value(effects, name)) * (1 + (axis - 0.5) * more) - 1, EFFECTS[name].parameters
+        possible = min(max(changed, bounds["change"].low), bounds["change"].high)
+        effects[name] = {**effects.get(name, {}), "change": possible}
     return replace(
         e,
         rig=rig,

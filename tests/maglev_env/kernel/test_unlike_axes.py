@@ -150,3 +150,8 @@ def test_axes_whose_magnets_and_probes_differ_move_as_rigs_of_one_axis_each():
     parts = [closed_loop_poles(axis_experiment(e, axis)) for axis in range(2)]
     np.testing.assert_allclose(np.sort(abs(unlike)), np.sort(abs(np.concatenate(parts))), rtol=1e-9, atol=1e-12)
     assert not np.allclose(np.sort(abs(unlike)), np.sort(abs(alike)), rtol=1e-4)
+
+
+def test_an_axis_differs_no_more_than_its_effect_can():
+    e = Experiment(BARE, BARE.gains, (), effects=effect("actuator_gain", -0.5), apart={"actuator_gain": 3.0})
+    assert [axis_experiment(e, axis).effects["actuator_gain"]["change"] for axis in range(2)] == [-0.9, 0.25]
