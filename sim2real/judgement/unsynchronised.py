@@ -11,7 +11,7 @@ from sim2real.compared.problem import Problem
 from sim2real.judgement.sightings import FOREIGN, LOUD, Sighting, seen_at
 from sim2real.recorded.tones import HARMONICS, MAINS, NEAR
 
-FORM = 0.05  # relative error of an amplitude that its model may make
+FORM = 0.03  # relative error of an amplitude that its model may make
 BAND = 1 / 6  # octaves to either side within which the tones of a vibration may lie
 SLIP = 0.05  # share of the stated speed by which a rotor may turn at another one, as a motor slips
 OF_BEARING = 0.1  # share of the tone at the speed of rotation that a bearing may turn into one at twice the speed
