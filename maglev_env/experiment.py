@@ -82,6 +82,7 @@ class Experiment:
             raise ValueError(
                 f"experiment: rig {self.rig.name} has one axis: a direction is 0, or 180 degrees to act against it"
             )
+        self._check_apart()
         if self.sample_rate is not None and (isinstance(self.sample_rate, bool) or not 0 < self.sample_rate < inf):
             raise ValueError(f"experiment: sample_rate = {self.sample_rate!r} Hz must be a positive number")
         sampling(self.recorded_rate, self.rig.control_rate)
@@ -95,6 +96,15 @@ class Experiment:
             raise ValueError("experiment: periods must be at least 1 and transient_periods at least 0")
         if self.offset and abs(self.offset) >= self.rig.clearance:
             raise ValueError(f"experiment: offset {self.offset} m is beyond the clearance {self.rig.clearance} m")
+
+    def _check_apart(self) -> None:
+        changing = [name for name, card in EFFECTS.items() if card.nominal]
+        for name, more in self.apart.items():
+            if self.rig.axes == 1 or name not in changing or not is_number(more):
+                raise ValueError(
+                    f"experiment: apart = {{{name!r}: {more!r}}}; of a rig with two axes, give by which share one of "
+                    f"{', '.join(changing)} is larger along y than along x"
+                )
 
     def _check_current(self) -> None:
         if not self.rig.controlled or not reads_current(self.gains, 1 / self.rig.control_rate):

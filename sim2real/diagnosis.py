@@ -106,6 +106,8 @@ def diagnose(
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
         notes.append(said)
+    if picked is not None:
+        where = _where_of(fitted, picked, weighed.tones) or where
     plan = None
     if named.verdict == "unexplained":
         notes += not_asked_in_words(records[0].nominal)
@@ -242,6 +244,15 @@ def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:
     if np.isfinite(calibration.cost):
         return locate(fitted, calibration.residual, tones)
     return locate(fitted, fitted.opened_residual(), tones)
+
+
+def _where_of(fitted: Problem, picked: Candidate, tones: float) -> Where | None:
+    """Locate what is named: what its calibration leaves without it, which calibration alone may take up in other
+    blocks, as a lag of the magnets in the amplifier; None where the rotor touches down there."""
+    if not picked.effects:
+        return None
+    left = fitted.data - fitted.simulate([Point({}, picked.fit.hypothesis.point(picked.fit.u).changes)])[0]
+    return locate(fitted, left, tones) if np.isfinite(left).all() else None
 
 
 def _corrected(

@@ -102,7 +102,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         return (
             f"{none} (unknown: {percent(unknown)}); best partial "
             f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
-            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
+            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}"
+            f"{_taken_up(diagnosis)}{_loud(diagnosis)}."
         )
     if diagnosis.verdict == "unexplained":
         return (
@@ -182,6 +183,15 @@ def _refitted(diagnosis: Diagnosis) -> str:
         return ""
     told = f"closes {percent(diagnosis.gap.closed_fraction)} of the gap"
     return f"; but the same rig with other parameters {told}, so first check {', '.join(far)}"
+
+
+def _taken_up(diagnosis: Diagnosis) -> str:
+    """What calibration moved far beyond what is stated where no effect explains the gap, which is no finding about the
+    rig; as the end of a sentence."""
+    far = _far(diagnosis)
+    if not far or _refitted(diagnosis):
+        return ""
+    return f"; to take up what has no name the fit moved {', '.join(far)}: these are no findings"
 
 
 def _whole_lags(diagnosis: Diagnosis) -> list[str]:

@@ -5,10 +5,11 @@ from typing import TypedDict
 
 from maglev_env.units import prefixed
 
-AT_BOUND = "at its bound, not identified"
+AT_BOUND, NOT_TOLD = "at its bound, not identified", "not identified"
 _DIGITS = 4
 LARGE = 1e6  # from which a value has a power of ten, in units without a prefix
 DUST = 1e-9  # below which a number without a unit is what rounding leaves of 0
+UNTOLD = 3.0  # standard errors over the value from which on a size says nothing
 NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
 
 
@@ -37,7 +38,10 @@ def quantity(value: float, se: float | None, unit: str, is_change: bool = False)
 
 
 def fitted_quantity(at: Fitted, unit: str, is_change: bool, errors: float = 1.0) -> str:
-    """A fitted parameter with so many standard errors; one at its bound is said to be there, without an interval."""
+    """A fitted parameter with so many standard errors; without an interval and said not to be told where it is at its
+    bound, or where its error is larger than itself by far."""
+    if not is_change and at["se"] and at["value"] and at["se"] > UNTOLD * abs(at["value"]):
+        return f"{quantity(at['value'], None, unit)} ({NOT_TOLD})"
     text = quantity(at["value"], at["se"] and errors * at["se"], unit, is_change)
     return f"{text} ({AT_BOUND})" if at["at_bound"] else text
 

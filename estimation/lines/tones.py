@@ -89,6 +89,8 @@ def remove_tones(
                 shift(i, -1.0)
                 if i == len(first):
                     first.append(size(i))
+    if not bins:
+        return cleaned, []
     # What a neighbour had lent to a tone is no evidence of it.
     chi2 = [c * size(i) / was for i, (c, was) in enumerate(zip(chi2, first, strict=True))]
     least = _significant(total // 2, len(cleaned["displacement"]))

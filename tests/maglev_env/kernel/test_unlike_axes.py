@@ -155,3 +155,11 @@ def test_axes_whose_magnets_and_probes_differ_move_as_rigs_of_one_axis_each():
 def test_an_axis_differs_no_more_than_its_effect_can():
     e = Experiment(BARE, BARE.gains, (), effects=effect("actuator_gain", -0.5), apart={"actuator_gain": 3.0})
     assert [axis_experiment(e, axis).effects["actuator_gain"]["change"] for axis in range(2)] == [-0.9, 0.25]
+
+
+@pytest.mark.parametrize("apart", [{"mas": 0.1}, {"delay": 0.1}, {"mass": "x"}])
+def test_what_cannot_differ_between_axes_is_refused(apart):
+    with pytest.raises(ValueError, match="of a rig with two axes, give by which share one of"):
+        Experiment(BARE, BARE.gains, (), apart=apart)
+    with pytest.raises(ValueError, match="of a rig with two axes"):
+        Experiment(load_rig("hmb_free"), BARE.gains, (), apart={"mass": 0.1})
