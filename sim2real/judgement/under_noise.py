@@ -31,7 +31,7 @@ def ripple_is_noise(problem: Problem, fit: Fit, name: str, most: float) -> bool:
         most: Cost that this may leave beyond that of the fit.
     """
     h = fit.hypothesis
-    if DITHERS.get(name) not in h.shapes:
+    if h.shapes.keys().isdisjoint(DITHERS.get(name, ())):
         return False
     plain = replace(h, dithered=True, shaped=tuple(other for other in h.shaped if other != name))
     starts = _starts(plain, extended(plain, fit.u[: len(h.coordinates)], fit), name)

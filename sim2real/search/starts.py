@@ -15,13 +15,10 @@ from sim2real.search.shapes import shapes_of
 # Starts of a knee at another place: multiples of the current that is reached, with the coordinate of its sharpness.
 ELSEWHERE, SHARPNESS = ((0.7, 0.0), (1.5, 0.0), (3.0, 0.0), (1.5, -1.2), (3.0, -1.2), (6.0, -1.2)), "sharpness"
 LEAST_BEYOND = 0.3
-# Forms that are another effect altogether while what they stand for is strong, and the coordinates at which they begin
-# then: under ripple, iron lags in time; a smooth knee bends far below its limit, where a sharp one does nothing.
-DITHERS: Mapping[str, str] = {"hysteresis": "hysteresis.ripple"}
-STRONG: Mapping[str, tuple[str, tuple[float, ...]]] = {
-    "hysteresis": (DITHERS["hysteresis"], (0.5, 1.5, 2.5)),
-    "saturation": (f"saturation.{SHARPNESS}", (-0.9,)),
-}
+# Forms that are another effect altogether while what they stand for is strong, and where they begin then: under ripple,
+# iron lags in time.
+DITHERS: Mapping[str, tuple[str, ...]] = {"hysteresis": ("hysteresis.ripple",)}
+DITHERED_AT = (0.5, 1.5, 2.5)
 
 
 def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
@@ -35,8 +32,8 @@ def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
 
 
 def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default, and in the
-    form that makes another effect of it (STRONG).
+    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default, and under
+    what makes another effect of it (DITHERS).
 
     At a knee its plain parameters are at their upper bounds, where they change nothing. A knee that lies far above the
     currents of the recordings changes nothing either, and far below them no rotor levitates. A smooth one bends far
@@ -62,9 +59,9 @@ def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[
             if smooth in free.shapes:
                 u[len(free.coordinates) + free.calibrated.index(smooth)] = rounder
             found.append((free, u))
-    key, begun = STRONG.get(name, ("", ()))
-    for at, start in product(begun, starts(name, hypothesis.scales)) if key in free.shapes else ():
-        u = np.concatenate([start, np.zeros(len(free.calibrated))])
-        u[len(free.coordinates) + free.calibrated.index(key)] = at
-        found.append((free, u))
+    for key in (key for key in DITHERS.get(name, ()) if key in free.shapes):
+        for at, start in product(DITHERED_AT, starts(name, hypothesis.scales)):
+            u = np.concatenate([start, np.zeros(len(free.calibrated))])
+            u[len(free.coordinates) + free.calibrated.index(key)] = at
+            found.append((free, u))
     return found
