@@ -102,8 +102,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         return (
             f"{none} (unknown: {percent(unknown)}); best partial "
             f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
-            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}"
-            f"{_taken_up(diagnosis)}{_loud(diagnosis)}."
+            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
         )
     if diagnosis.verdict == "unexplained":
         return (
@@ -176,22 +175,15 @@ def _besides(diagnosis: Diagnosis) -> str:
 
 
 def _refitted(diagnosis: Diagnosis) -> str:
-    """What stated parameters close of a gap that no effect explains, where they have to be far from what is stated: a
-    wrong data sheet beside a little of something else; as the end of a sentence."""
+    """What is said of stated parameters that a fit has moved far from what is stated where no effect explains the gap,
+    as the end of a sentence: a wrong data sheet beside a little of something else, or what takes up an effect."""
     closed, far = diagnosis.gap.closed_fraction_ci, _far(diagnosis)
-    if diagnosis.corrected.effects or not far or closed is None or closed[0] < MOSTLY:
+    if not far:
         return ""
+    if diagnosis.corrected.effects or closed is None or closed[0] < MOSTLY:
+        return f"; to take up what has no name the fit moved {', '.join(far)}, which are no findings"
     told = f"closes {percent(diagnosis.gap.closed_fraction)} of the gap"
     return f"; but the same rig with other parameters {told}, so first check {', '.join(far)}"
-
-
-def _taken_up(diagnosis: Diagnosis) -> str:
-    """What calibration moved far beyond what is stated where no effect explains the gap, which is no finding about the
-    rig; as the end of a sentence."""
-    far = _far(diagnosis)
-    if not far or _refitted(diagnosis):
-        return ""
-    return f"; to take up what has no name the fit moved {', '.join(far)}: these are no findings"
 
 
 def _whole_lags(diagnosis: Diagnosis) -> list[str]:

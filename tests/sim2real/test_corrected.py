@@ -169,6 +169,8 @@ def test_every_verdict_has_its_sentence():
             "; but the same rig with other parameters closes 98 % of the gap, so first check actuator_gain +20 %, 4 tol"
         )
         assert (told in sentence(wrong)) == said
+        taken_up = "; to take up what has no name the fit moved actuator_gain +20 %, 4 tolerances off, which are no"
+        assert (taken_up in sentence(wrong)) == (not said)
     which = (entry("delay", 0.5), entry("amplifier_lag", 0.3), entry("eddy_current", 0.15), entry("mass", 0.05))
     alike = diagnosis(NAMED, verdict="ambiguous", cause=("delay", "amplifier_lag", "eddy_current"), which=which)
     assert sentence(alike) == (

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim2real.words import quantity
+from sim2real.words import fitted_quantity, quantity
 
 
 @pytest.mark.parametrize(
@@ -16,3 +16,18 @@ from sim2real.words import quantity
 )
 def test_a_value_shows_the_digits_that_its_error_leaves(value, se, unit, shown):
     assert quantity(value, se, unit) == shown
+
+
+@pytest.mark.parametrize(
+    ("fitted", "is_change", "shown"),
+    [
+        ((0.227, 44.2, False), False, "227 mA (not identified)"),
+        ((0.227, 0.1, False), False, "227 +- 100 mA"),
+        ((0.01, 0.4, False), True, "+1 +- 40 %"),  # a change of 0 is a value like any other
+        ((0.0, 0.4, True), False, "0 A (at its bound, not identified)"),
+    ],
+)
+def test_what_is_not_told_has_no_interval(fitted, is_change, shown):
+    value, se, ended = fitted
+    told = fitted_quantity({"value": value, "se": None if ended else se, "at_bound": ended}, "A", is_change)
+    assert told == shown
