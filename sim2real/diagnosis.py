@@ -50,6 +50,7 @@ from sim2real.recorded.records import Record, read_records
 from sim2real.result import OFFSET, Diagnosis, fitted_parameters
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.hypotheses import TONES
+from sim2real.weaker_pull import weaker_pull
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
 CREEP = 0.5  # share of the trends over periods beyond which what no gain explains may be a rotor that creeps to rest
@@ -108,6 +109,8 @@ def diagnose(
         notes.append(said)
     if picked is not None:
         where = _where_of(fitted, picked, weighed.tones) or where
+        if said := weaker_pull(picked.effects, fitted_parameters(picked)):
+            notes.append(said)
     plan = None
     if named.verdict == "unexplained":
         notes += not_asked_in_words(records[0].nominal)
