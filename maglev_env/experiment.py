@@ -98,8 +98,8 @@ class Experiment:
             raise ValueError(f"experiment: offset {self.offset} m is beyond the clearance {self.rig.clearance} m")
 
     def _check_apart(self) -> None:
-        changing = [name for name, card in EFFECTS.items() if card.nominal]
         for name, more in self.apart.items():
+            changing = [own for own, card in EFFECTS.items() if card.nominal]
             if self.rig.axes == 1 or name not in changing or not is_number(more):
                 raise ValueError(
                     f"experiment: apart = {{{name!r}: {more!r}}}; of a rig with two axes, give by which share one of "
