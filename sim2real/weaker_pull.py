@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from math import hypot
 
+from sim2real.compared.whole_gain import GAIN, STIFFNESS
 from sim2real.words import Fitted, percent
 
-GAIN, STIFFNESS = "actuator_gain", "negative_stiffness"
 ALIKE, LARGE = 2.0, 0.03  # standard errors by which both may differ, and the share from which on it is worth a word
 
 

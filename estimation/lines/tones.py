@@ -212,7 +212,7 @@ def tone_at(values: np.ndarray, frequency: float, per_period: int, rate: float) 
     at = frequency * total / rate
     amplitude = _amplitude(_without_period(values, per_period), at, per_period, total)
     noise = level[:, int(np.argmin(abs(bins - at)))]
-    return amplitude, float(2 * (abs(amplitude * total / 2) ** 2 / noise).sum())
+    return amplitude, _power_over(noise, amplitude, total)
 
 
 def _columns(frequency: float, per_period: int, total: int) -> np.ndarray:
@@ -249,8 +249,8 @@ def stands_alone(cleaned: np.ndarray, tone: Tone, per_period: int, rate: float) 
     total = cleaned.shape[1]
     close = np.argsort(abs(bins - tone.frequency * total / rate))[:CLOSE]
     level = np.maximum(power[:, close].mean(axis=1), np.finfo(float).tiny)
-    size = (abs(tone.amplitude["displacement"] * total / 2) ** 2 / level).sum()
-    return bool(2 * size >= _significant(total // 2, len(cleaned)))
+    size = _power_over(level, tone.amplitude["displacement"], total)
+    return size >= _significant(total // 2, len(cleaned))
 
 
 def beside_tone(
