@@ -28,6 +28,7 @@ from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import differentiate
 from sim2real.search.hypotheses import RESONANCES
+from sim2real.search.pairs import saved_by_second
 
 LOUDER = 1.05  # times its noise that a record without a period may seem to have under a wrong simulation
 MARGIN = 2.0  # times the cost that makes a candidate hopeless: what another noise and a refit may change of it
@@ -183,7 +184,8 @@ def _as_quiet_as_stated(settled: Settled, bench: BenchNoise, progress: Callable[
     near, singles = _best(attribution).fit, tuple(c for c in attribution.candidates if len(c.effects) < 2)
     quiet = replace(fitted, bench=STATED).again(near.hypothesis.point(near.u))
     found = attribute(quiet, progress, replace(attribution, candidates=singles))
-    if len(_best(found).effects) < 2:
+    alone = [c.fit for c in found.candidates if len(c.effects) == 1]
+    if not _best(found).fit.cost < min(f.cost for f in alone) - saved_by_second(quiet, alone):
         return None
     new = _settled(replace(quiet, bench=bench), settled.judged, found, progress)
     return new if _surprise(new.fitted, new.attribution) < _surprise(fitted, attribution) else None

@@ -24,7 +24,9 @@ SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is a
 DRIFTS = 2  # per round: pairs with a drift that are fitted beside these
 STRETCHED = 2  # best single effects beside which a stated parameter may become an effect
 SWAPPED = 2  # best pairs of which either effect is tried with others
-SECOND = 16.0  # cost that a second effect must save to be more probable than its absence (see `Belief`)
+# Cost that a second effect must save to be more probable than its absence (see `Belief`), where the best single effect
+# leaves no more than noise. Where it leaves more, what is random in that saves as many times more.
+SECOND = 16.0
 SEED_SHARE = 0.5  # of what the best single effect saves, which another one must save to be given a second one
 
 
@@ -58,13 +60,13 @@ def fit_pairs(
     least = min((f.cost for f in possible), default=np.inf)
     enough = least + (1 - SEED_SHARE) * (unexplained - least) if np.isfinite(unexplained) else np.inf
     able = (f for f in possible if np.isfinite(f.cost) and f.cost <= enough)
-    found = [*known]
+    found, second = [*known], saved_by_second(problem, singles)
     if not found:
         # Without what is seen apart from any simulation nothing explains, however little it explains alone.
         sure = [f for f in possible if np.isfinite(f.cost) and f.hypothesis.effects[0] in f.hypothesis.seen]
         found = _round(problem, singles, sure or sorted(able, key=lambda f: f.cost)[:SEEDS], ())
         found += _together(problem, bases, singles, found)
-    if not min((f.cost for f in found), default=np.inf) < least - SECOND:
+    if not min((f.cost for f in found), default=np.inf) < least - second:
         return found + _freed(problem, singles, {frozenset(f.hypothesis.effects) for f in found}), list(singles)
     steady = [f for f in found if DRIFTING not in f.hypothesis.effects]
     found += _round(problem, singles, _halves(problem, steady), {frozenset(f.hypothesis.effects) for f in found})
@@ -75,6 +77,12 @@ def fit_pairs(
     better = [best[f.hypothesis.effects] for f in singles]
     found = along_law(problem, ringing(problem, found))
     return found + _freed(problem, better, {frozenset(f.hypothesis.effects) for f in found}), better
+
+
+def saved_by_second(problem: Problem, singles: Sequence[Fit]) -> float:
+    """Cost that a second effect must save beside single ones."""
+    least = min((f.cost for f in singles if np.isfinite(f.cost)), default=0.0)
+    return SECOND * max(1.0, least / (2.0 * problem.data.size))
 
 
 def _freed(problem: Problem, singles: Sequence[Fit], known: Collection[frozenset[str]]) -> list[Fit]:
@@ -102,7 +110,8 @@ def _together(problem: Problem, bases: Sequence[Fit], singles: Sequence[Fit], kn
         return _another_law(problem, bases[-1].hypothesis, singles)
     least = min((f.cost for f in known), default=np.inf)
     tried = {frozenset(f.hypothesis.effects) for f in known}
-    proposed = [p for p in joint_pairs(problem, base, singles, tried) if p.cost < least - SECOND]
+    second = saved_by_second(problem, singles)
+    proposed = [p for p in joint_pairs(problem, base, singles, tried) if p.cost < least - second]
     fits = begin([p.hypothesis for p in proposed], [p.u for p in proposed], problem.data, problem.simulate)
     share_calibrations(fits, base)
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS)
@@ -150,7 +159,7 @@ def alone_again(problem: Problem, singles: Sequence[Fit], pairs: Sequence[Fit]) 
     The form of an effect has minima of its own, and beside an effect that does nothing another one may be found.
     """
     least = min((f.cost for f in singles), default=np.inf)
-    found = _halves(problem, [f for f in pairs if f.cost < least - SECOND])
+    found = _halves(problem, [f for f in pairs if f.cost < least - saved_by_second(problem, singles)])
     iterate(found, problem.data, problem.simulate, FIRST + ITERATIONS)
     return found
 
@@ -209,6 +218,7 @@ def _round(
     alone = {f.hypothesis.effects[0]: f.cost for f in singles}
     for f in fits:
         share_calibrations([f], of[f.hypothesis.effects[0]])
-    below = [_beside_which(f.hypothesis, alone) - SECOND for f in fits]
+    second = saved_by_second(problem, singles)
+    below = [_beside_which(f.hypothesis, alone) - second for f in fits]
     iterate(fits, problem.data, problem.simulate, FIRST + ITERATIONS, below)
     return fits
