@@ -23,6 +23,9 @@ PARTS, SLOW, FAST = 24, 0.2, 0.005  # of a record; shares of the command's slow 
 EFFECTS = ("friction", "hysteresis", "eddy_current")
 LEAST = 8  # lines
 NOISE = 3.0  # times what chance leaves of noise alone, a line
+LINEAR = (
+    1e-6  # share of what a gain adds to the controller by which twice as much of it may add another amount than twice
+)
 INTEGRALS, PER_SAMPLE = ("ki", "integral", "outer_ki"), 0.05  # gains by name; of the control rate
 _ONE_INTEGRAL = (Gains, Pid, StateFeedback)  # controllers of which a constant error makes a ramp at most
 
@@ -59,15 +62,15 @@ def coupled(view: View) -> list[Finding]:
             if name and corner > max(LEVEL * se, least):
                 found.append((corner, se, name, relation))
     if not found:  # an integral gain that is far too large bends the command otherwise than any high-pass
-        integral = _integral(view, of_command) if of_command is not None else None
+        integral = _gain(view, of_command) if of_command is not None else None
         if integral is not None and integral.clearly and integral.whole:
-            return [_integral_finding(view, integral)]
+            return [_gain_finding(view, integral)]
         return _of_the_design(view, least)
     exact = [one for one in found if one[3].name != "displacement"]
     corner, se, name, relation = (exact or found)[0]
-    integral = _integral(view, relation) if relation.name == "command" else None
+    integral = _gain(view, relation) if relation.name == "command" else None
     if integral is not None and (integral.clearly or _unit_of_time(view, integral)):
-        return [_integral_finding(view, integral)]
+        return [_gain_finding(view, integral)]
     if len({other for _, _, other, _ in exact}) > 1:
         name = "command"  # what both relations hold
     text = (
@@ -84,8 +87,8 @@ def coupled(view: View) -> list[Finding]:
 
 
 @dataclass(frozen=True)
-class _Integral:
-    """An integral gain that explains what a high-pass does: its name, stated and found value, and its error.
+class _Gain:
+    """A gain that explains what a high-pass does: its name, stated and found value, and its error.
 
     `clearly`: better than any high-pass. `whole`: it leaves noise alone.
     """
@@ -98,31 +101,48 @@ class _Integral:
     whole: bool
 
 
-def _integral(view: View, relation: Relation) -> _Integral | None:
+def _gain(view: View, relation: Relation) -> _Gain | None:
     """The integral gain of the stated controller under which the relation of the command agrees; None: none does.
 
-    What is integrated lacks in the command as what a high-pass takes from the displacement does.
+    What is integrated lacks in the command as what a high-pass takes from the displacement does. Where another gain of
+    the controller explains more, it is that one.
     """
     lines, dt = view.lines, 1 / view.rig.control_rate
-    gain = next((name for name in INTEGRALS if name in gain_values(view.gains)), None)
-    if gain is None:
+    gains = gain_values(view.gains)
+    integral = next((name for name in INTEGRALS if name in gains), None)
+    if integral is None:
         return None
     w, z, y = 2 * np.pi * lines.frequency, np.exp(2j * np.pi * lines.frequency * dt), lines.parts["displacement"]
-    own, stated = controller_response(view.gains, z, dt), gain_values(view.gains)[gain]
-    step = float(np.abs(own[0]) * w[0])
-    more = controller_response(with_gains(view.gains, **{gain: stated + step}), z, dt) - own
+    own = controller_response(view.gains, z, dt)
     weight = 1 / np.maximum(relation.variance + (MODEL * np.abs(relation.out)) ** 2, 1e-300)
     free = [v for term in relation.made.values() for v in (term, -1j * w * term)]
-    back = relation.made["displacement"]
-    _, coupled_left, _ = _squares(relation.out, [*free, -1j / w * back], weight)
-    found, left, se = _squares(relation.out, [*free, -(more * y.mean(axis=0)) / step], weight)
-    size, se = _of_gain(found[-1], se, found[2 * list(relation.made).index("displacement")])
+    _, coupled_left, _ = _squares(relation.out, [*free, -1j / w * relation.made["displacement"]], weight)
+    misfit = relation.out - sum(relation.made.values())
+    found: dict[str, tuple[float, float, float, float]] = {}
+    for name, stated in gains.items():
+        step = float(np.abs(own[0]) * w[0]) if name == integral else 0.5 * stated
+        once, twice = (
+            controller_response(with_gains(view.gains, **{name: stated + n * step}), z, dt) - own for n in (1, 2)
+        )
+        if not once.any() or np.abs(twice - 2 * once).max() > LINEAR * np.abs(once).max():
+            continue  # nothing, or the constant of a filter: what another one would do is not in proportion to it
+        more = -(once * y.mean(axis=0)) / step
+        by, left, se = _squares(relation.out, [*free, more], weight)
+        _, alone, _ = _squares(misfit, [more], weight)
+        found[name] = (*_of_gain(by[-1], se, by[2 * list(relation.made).index("displacement")]), left, alone)
+    if integral not in found:
+        return None
+    best = min(found, key=lambda name: found[name][2] + (0.0 if name == integral else LEVEL**2))
+    size, se, left, alone = found[best]
     if left > coupled_left + LEVEL**2 or abs(size) < LEVEL * se:
         return None
-    return _Integral(gain, stated, stated + size, se, left < coupled_left - LEVEL**2, left < NOISE * weight.size)
+    whole = left < NOISE * weight.size
+    if best != integral and not alone < NOISE * weight.size:
+        return None  # beside another scale: several gains are wrong, or something else
+    return _Gain(best, gains[best], gains[best] + size, se, left < coupled_left - LEVEL**2, whole)
 
 
-def _integral_finding(view: View, found: _Integral) -> Finding:
+def _gain_finding(view: View, found: _Gain) -> Finding:
     text = (
         f"gains: the command is what the stated controller makes of the displacement with {found.gain} = "
         f"{found.value:.4g} +- {2 * found.se:.1g} in place of {found.stated:g}{_unit_of_time(view, found)}; correct "
@@ -132,13 +152,13 @@ def _integral_finding(view: View, found: _Integral) -> Finding:
                    (found.value - 2 * found.se, found.value + 2 * found.se), text, "wiring")  # fmt: skip
 
 
-def _of_time(view: View, found: _Integral) -> str:
+def _of_time(view: View, found: _Gain) -> str:
     """The integral gain behind one that multiplies a low-pass of unit gain: of both, lines far above tell no more."""
     ti = gain_values(view.gains).get("ti") if view.gains is not None else None
     return f" (ki / ti, the integral gain, is {found.value / ti:.4g} A/(m s))" if ti and found.gain == "ki" else ""
 
 
-def _unit_of_time(view: View, found: _Integral) -> str:
+def _unit_of_time(view: View, found: _Gain) -> str:
     """What is said of an integral gain that counts in samples."""
     times = found.value / found.stated if found.stated else 0.0
     if not abs(times / view.rig.control_rate - 1) < PER_SAMPLE:
@@ -149,8 +169,9 @@ def _unit_of_time(view: View, found: _Integral) -> str:
 def decoupled(view: View, found: Finding) -> View:
     """The view with what a finding of `coupled` names as it should be: a channel before its high-pass, or a gain."""
     if found.channel == "gains" and view.gains is not None and found.value is not None:
-        gain = next(name for name in INTEGRALS if name in gain_values(view.gains))
-        return replace(view, gains=with_gains(view.gains, **{gain: found.value}))
+        relation = _controller(view)
+        gain = _gain(view, relation) if relation is not None else None
+        return view if gain is None else replace(view, gains=with_gains(view.gains, **{gain.gain: gain.value}))
     name = found.channel.partition(" or ")[0]
     values = view.channels.get(name)
     if values is None or found.value is None:

@@ -102,7 +102,7 @@ class Rig:
     mass: float = quantity("kg", 1e-6, 1e5)
     support_stiffness: float = quantity("N/m", 0.0, 1e10, 0.0)
     support_damping: float = quantity("N s/m", 0.0, 1e7, 0.0)
-    gap: float = quantity("m", 1e-6, 0.1, 1e-3)
+    gap: float = quantity("m", 1e-6, 10.0, 1e-3)  # of a voice coil, the force of which hardly depends on its place
     clearance: float = quantity("m", 1e-7, 0.1, 0.0)
     turns: float = quantity("", 1.0, 1e5, 1.0)
     pole_area: float = quantity("m2", 1e-9, 1.0, 1e-4)

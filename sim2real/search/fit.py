@@ -34,6 +34,7 @@ class Fit:
         refused: Consecutive iterations without a lower trial step, as where all of them touch down.
         fresh: Whether all rows were computed at u.
         idle: Whether the last iteration gained too little.
+        bent: Whether it gained much less than the linear prediction.
         done: Whether the fit has ended.
     """
 
@@ -47,6 +48,7 @@ class Fit:
     refused: int = 0
     fresh: bool = False
     idle: bool = False
+    bent: bool = False
     done: bool = False
 
     @property

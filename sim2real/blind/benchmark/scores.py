@@ -180,6 +180,7 @@ def rows_of(judged: Sequence[Judgement]) -> tuple[Row, ...]:
         *(_share(score, [score.good(j) for j in judged if _belongs(score, j.case)]) for score in SCORES),
         statistic_row("calibration error", top, calibration_error),
         statistic_row(f"median closed fraction of what was told, {size_words(LARGE)}", closed, np.median),
+        statistic_row("median time per campaign", seconds, np.median, "s"),
         statistic_row("mean time per campaign", seconds, np.mean, "s"),
     )
 

@@ -78,6 +78,17 @@ def test_an_integral_gain_that_is_too_large_is_no_ac_coupled_command(tmp_path, f
     assert "the integral gain, is" in said.message
 
 
+@pytest.mark.parametrize("gain", ["kp", "kd"])
+def test_a_proportional_or_derivative_gain_that_is_wrong_is_not_taken_for_the_integral_one(tmp_path, gain):
+    folder = campaigns.campaign(tmp_path, names=("base",))
+    text = (folder / "campaign.toml").read_text()
+    (stated,) = set(re.findall(rf"{gain} = ([0-9.e+]+)", text))
+    (folder / "campaign.toml").write_text(text.replace(f"{gain} = {stated}", f"{gain} = {1.12 * float(stated)}"))
+    for said in (f for f in examine(load_campaign(folder)) if f.code == "filter"):
+        assert f"with {gain} = " in said.message and said.message.endswith(f"correct {gain}")
+        assert said.interval[0] < float(stated) < said.interval[1]
+
+
 def test_a_wrong_scale_beside_an_ac_coupled_column_is_named_too(tmp_path):
     """The corner was wrong by the scale's factor, and what was made of the channel without it hid the scale."""
     folder = campaigns.campaign(tmp_path, names=("base",))

@@ -11,6 +11,7 @@ from maglev_env.rig.rig import with_parameters
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import TOLERANCE_EFFECTS, tolerances
 from sim2real.compared.problem import assemble
+from sim2real.search import fitting
 from sim2real.search.candidates import Candidate
 from sim2real.search.fit import NOT_TOLD, Fit, cost_of, inverse
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
@@ -49,11 +50,30 @@ class Linear:
         return np.linalg.lstsq(a, b, rcond=None)[0], np.linalg.inv(a.T @ a)
 
 
+class Bent(Linear):
+    """The same, but for the second coordinate, of which the square of the first one is subtracted: a narrow valley."""
+
+    def __call__(self, points):
+        u = np.array([self.coordinates(p) for p in points])
+        u[:, 1] = 100 * (u[:, 1] - u[:, 0] ** 2)
+        return u @ self.columns
+
+
 def fitted(toy, data, hypothesis=TOY, u=None, most=12):
     fits = begin([hypothesis], [np.zeros(hypothesis.size) if u is None else u], data, toy)
     iterate(fits, data, toy, most)
     differentiate(fits, data, toy, True)
     return fits[0]
+
+
+@pytest.mark.parametrize("parabolas", [True, False])
+def test_a_valley_that_bends_is_followed_along_parabolas(monkeypatch, parabolas):
+    toy = Bent(1)
+    data = toy.data(np.array([2.0, 0.0, 0.0, 0.0]))
+    if not parabolas:
+        monkeypatch.setattr(fitting, "MUCH", np.inf)
+    fit = fitted(toy, data, u=np.array([-2.0, 4.0, 0.0, 0.0]), most=40)
+    assert (fit.cost < 2.5 * ROWS) == parabolas
 
 
 def test_a_linear_fit_is_least_squares_with_its_priors():
