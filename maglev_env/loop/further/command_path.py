@@ -18,7 +18,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     "deadband": EffectCard(
         "controller",
         {
-            "half_width": Parameter("A", 1e-6, 100.0, absent=0.0, starts=(3e-3, 0.02, 0.1)),
+            "half_width": Parameter("A", 1e-6, 100.0, absent=0.0, starts=(3e-3, 0.02, 0.1), in_proportion=True),
             # Noise of the command rounds the edges of its mean, too.
             "rounding": Parameter("A", 1e-6, 100.0, 0.0, starts=(1e-3, 0.03)),
         },

@@ -14,7 +14,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     "probe_backlash": EffectCard(
         "sensor",
         {
-            "half_width": Parameter("m", 1e-11, 1e-2, absent=0.0, starts=(3e-8, 3e-7, 3e-6, 3e-5)),
+            "half_width": Parameter("m", 1e-11, 1e-2, absent=0.0, starts=(3e-8, 3e-7, 3e-6, 3e-5), in_proportion=True),
             "spread": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=0.4),
         },
         "the reading stays while the rotor moves within the half width either way (a play operator, Krasnosel'skii); "
