@@ -13,7 +13,7 @@ from maglev_env.kernel.simulate import simulate_records, simulate_statistics
 from maglev_env.linear.loop import loop_response
 from maglev_env.linear.poles import closed_loop
 from maglev_env.loop.effect import effect
-from maglev_env.loop.further.command_path import left_of
+from maglev_env.loop.further.command_path import LOGISTIC, left_of
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig_file import load_rig
@@ -110,13 +110,14 @@ def test_the_linear_loop_has_the_expected_response_of_dropped_samples():
 
 
 def test_a_dead_band_is_sharp_or_rounded_about_as_by_gaussian_noise():
-    """max and min without rounding; with it the mean over noise of 1.1 times the rounding, to a part of the width."""
-    u, h = np.linspace(-1, 1, 401), 0.3
-    np.testing.assert_allclose(left_of(u, h, 0.0), np.maximum(u - h, 0) + np.minimum(u + h, 0), atol=1e-15)
-    noise = 0.22 * stats.norm.ppf((np.arange(2000) + 0.5) / 2000)
-    mean = left_of(u[:, None] + noise, h, 0.0).mean(axis=1)
-    assert np.abs(left_of(u, h, 0.2**2) - mean).max() < 0.05 * h
-    assert np.abs(left_of(u, h, 0.0) - mean).max() > 0.25 * h
+    """max and min without rounding; with it the mean over noise of this standard deviation, to a part of the width."""
+    u, h, sd = np.linspace(-1, 1, 401), 0.3, 0.2
+    left = np.vectorize(left_of)
+    np.testing.assert_allclose(left(u, h, 0.0, 1e15), np.maximum(u - h, 0) + np.minimum(u + h, 0), atol=1e-15)
+    noise = sd * stats.norm.ppf((np.arange(2000) + 0.5) / 2000)
+    mean = (np.maximum(u[:, None] + noise - h, 0) + np.minimum(u[:, None] + noise + h, 0)).mean(axis=1)
+    assert np.abs(left(u, h, LOGISTIC * sd, 1 / LOGISTIC / sd) - mean).max() < 0.02 * h
+    assert np.abs(left(u, h, 0.0, 1e15) - mean).max() > 0.25 * h
 
 
 @pytest.mark.slow
