@@ -1,7 +1,7 @@
 """A channel that is AC coupled: recorded through a high-pass of first order, which takes the lowest lines away."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -9,40 +9,22 @@ import scipy
 from estimation.lines.frequency_response import pooled_variance
 from maglev_env.channels import SHOWN_BY
 from maglev_env.loop.controller_forms import Pid, StateFeedback
-from maglev_env.loop.gains import Gains, controller_output, controller_response, gain_values, with_gains
+from maglev_env.loop.gains import Gains, controller_output, with_gains
 from maglev_env.recordings.derived import under_voltage
 from maglev_env.recordings.measurement_chain import coupled as uncoupled
 from maglev_env.redundancy.controller import READ, applies, at_control_rate, compared, limited_in
 from maglev_env.redundancy.finding import Finding
+from maglev_env.redundancy.relation import Relation, of_gain, squares
 from maglev_env.redundancy.rows import LEVEL, MODEL
 from maglev_env.redundancy.view import Lines, View
+from maglev_env.redundancy.wrong_gain import finding_of, of_time, wrong_gain
 
 SEEN = 0.05  # of the lowest frequency: a corner below turns that line by less than 3 degrees
 EXPLAINS = 0.5  # share of the misfit beyond noise that the corner must explain
 PARTS, SLOW, FAST = 24, 0.2, 0.005  # of a record; shares of the command's slow parts, and of all of it
 EFFECTS = ("friction", "hysteresis", "eddy_current")
 LEAST = 8  # lines
-NOISE = 3.0  # times what chance leaves of noise alone, a line
-LINEAR = (
-    1e-6  # share of what a gain adds to the controller by which twice as much of it may add another amount than twice
-)
-INTEGRALS, PER_SAMPLE = ("ki", "integral", "outer_ki"), 0.05  # gains by name; of the control rate
 _ONE_INTEGRAL = (Gains, Pid, StateFeedback)  # controllers of which a constant error makes a ramp at most
-
-
-@dataclass(frozen=True)
-class Relation:
-    """A channel, and what it is made of: mean spectra (n,) by channel; the variance (n,) of its mean.
-
-    `beside`: what else may be in the channel, with any gain, (n,).
-    """
-
-    name: str
-    out: np.ndarray
-    made: Mapping[str, np.ndarray]
-    variance: np.ndarray
-    against: str
-    beside: tuple[np.ndarray, ...] = ()
 
 
 def coupled(view: View) -> list[Finding]:
@@ -62,15 +44,15 @@ def coupled(view: View) -> list[Finding]:
             if name and corner > max(LEVEL * se, least):
                 found.append((corner, se, name, relation))
     if not found:  # an integral gain that is far too large bends the command otherwise than any high-pass
-        integral = _gain(view, of_command) if of_command is not None else None
+        integral = wrong_gain(view, of_command) if of_command is not None else None
         if integral is not None and integral.clearly and integral.whole:
-            return [_gain_finding(view, integral)]
+            return [finding_of(view, integral)]
         return _of_the_design(view, least)
     exact = [one for one in found if one[3].name != "displacement"]
     corner, se, name, relation = (exact or found)[0]
-    integral = _gain(view, relation) if relation.name == "command" else None
-    if integral is not None and (integral.clearly or _unit_of_time(view, integral)):
-        return [_gain_finding(view, integral)]
+    integral = wrong_gain(view, relation) if relation.name == "command" else None
+    if integral is not None and (integral.clearly or unit_of_time(view, integral)):
+        return [finding_of(view, integral)]
     if len({other for _, _, other, _ in exact}) > 1:
         name = "command"  # what both relations hold
     text = (
@@ -78,7 +60,7 @@ def coupled(view: View) -> list[Finding]:
         f"{relation.against}; record column {view.columns.get(name, name)!r} with its mean"
     )
     if integral is not None:
-        text += f", or correct {integral.gain}, which would be {integral.value:.4g}{_of_time(view, integral)}"
+        text += f", or correct {integral.gain}, which would be {integral.value:.4g}{of_time(view, integral)}"
         name += " or gains"
     if not exact:
         text += f", or an effect ({', '.join(EFFECTS)}): run `maglev diagnose`"
@@ -86,91 +68,11 @@ def coupled(view: View) -> list[Finding]:
     return [Finding("filter", view.recording, name, corner, (corner - 2 * se, corner + 2 * se), text, kind)]
 
 
-@dataclass(frozen=True)
-class _Gain:
-    """A gain that explains what a high-pass does: its name, stated and found value, and its error.
-
-    `clearly`: better than any high-pass. `whole`: it leaves noise alone.
-    """
-
-    gain: str
-    stated: float
-    value: float
-    se: float
-    clearly: bool
-    whole: bool
-
-
-def _gain(view: View, relation: Relation) -> _Gain | None:
-    """The integral gain of the stated controller under which the relation of the command agrees; None: none does.
-
-    What is integrated lacks in the command as what a high-pass takes from the displacement does. Where another gain of
-    the controller explains more, it is that one.
-    """
-    lines, dt = view.lines, 1 / view.rig.control_rate
-    gains = gain_values(view.gains)
-    integral = next((name for name in INTEGRALS if name in gains), None)
-    if integral is None:
-        return None
-    w, z, y = 2 * np.pi * lines.frequency, np.exp(2j * np.pi * lines.frequency * dt), lines.parts["displacement"]
-    own = controller_response(view.gains, z, dt)
-    weight = 1 / np.maximum(relation.variance + (MODEL * np.abs(relation.out)) ** 2, 1e-300)
-    free = [v for term in relation.made.values() for v in (term, -1j * w * term)]
-    _, coupled_left, _ = _squares(relation.out, [*free, -1j / w * relation.made["displacement"]], weight)
-    misfit = relation.out - sum(relation.made.values())
-    found: dict[str, tuple[float, float, float, float]] = {}
-    for name, stated in gains.items():
-        step = float(np.abs(own[0]) * w[0]) if name == integral else 0.5 * stated
-        once, twice = (
-            controller_response(with_gains(view.gains, **{name: stated + n * step}), z, dt) - own for n in (1, 2)
-        )
-        if not once.any() or np.abs(twice - 2 * once).max() > LINEAR * np.abs(once).max():
-            continue  # nothing, or the constant of a filter: what another one would do is not in proportion to it
-        more = -(once * y.mean(axis=0)) / step
-        by, left, se = _squares(relation.out, [*free, more], weight)
-        _, alone, _ = _squares(misfit, [more], weight)
-        found[name] = (*_of_gain(by[-1], se, by[2 * list(relation.made).index("displacement")]), left, alone)
-    if integral not in found:
-        return None
-    best = min(found, key=lambda name: found[name][2] + (0.0 if name == integral else LEVEL**2))
-    size, se, left, alone = found[best]
-    if left > coupled_left + LEVEL**2 or abs(size) < LEVEL * se:
-        return None
-    whole = left < NOISE * weight.size
-    if best != integral and not alone < NOISE * weight.size:
-        return None  # beside another scale: several gains are wrong, or something else
-    return _Gain(best, gains[best], gains[best] + size, se, left < coupled_left - LEVEL**2, whole)
-
-
-def _gain_finding(view: View, found: _Gain) -> Finding:
-    text = (
-        f"gains: the command is what the stated controller makes of the displacement with {found.gain} = "
-        f"{found.value:.4g} +- {2 * found.se:.1g} in place of {found.stated:g}{_unit_of_time(view, found)}; correct "
-        f"{found.gain}{_of_time(view, found)}"
-    )
-    return Finding("filter", view.recording, "gains", found.value,
-                   (found.value - 2 * found.se, found.value + 2 * found.se), text, "wiring")  # fmt: skip
-
-
-def _of_time(view: View, found: _Gain) -> str:
-    """The integral gain behind one that multiplies a low-pass of unit gain: of both, lines far above tell no more."""
-    ti = gain_values(view.gains).get("ti") if view.gains is not None else None
-    return f" (ki / ti, the integral gain, is {found.value / ti:.4g} A/(m s))" if ti and found.gain == "ki" else ""
-
-
-def _unit_of_time(view: View, found: _Gain) -> str:
-    """What is said of an integral gain that counts in samples."""
-    times = found.value / found.stated if found.stated else 0.0
-    if not abs(times / view.rig.control_rate - 1) < PER_SAMPLE:
-        return ""
-    return ", which is that one times the control rate: it is stated for one sample, and counts for one second"
-
-
 def decoupled(view: View, found: Finding) -> View:
     """The view with what a finding of `coupled` names as it should be: a channel before its high-pass, or a gain."""
     if found.channel == "gains" and view.gains is not None and found.value is not None:
         relation = _controller(view)
-        gain = _gain(view, relation) if relation is not None else None
+        gain = wrong_gain(view, relation) if relation is not None else None
         return view if gain is None else replace(view, gains=with_gains(view.gains, **{gain.gain: gain.value}))
     name = found.channel.partition(" or ")[0]
     values = view.channels.get(name)
@@ -317,31 +219,13 @@ def _corner(frequency: np.ndarray, relation: Relation) -> tuple[float, float, st
     weight = 1 / np.maximum(relation.variance + (MODEL * np.abs(out)) ** 2, 1e-300)
     free = [v for term in relation.made.values() for v in (term, -1j * w * term)]  # gains and delays
     free += relation.beside
-    _, without, _ = _squares(out, free, weight)
+    _, without, _ = squares(out, free, weight)
     noise = 2.0 * out.size
     best = (0.0, 0.0, "")
     least = max((1 - EXPLAINS) * without, min(noise, without - LEVEL**2))
     for i, (who, lacks) in enumerate({relation.name: -out, **relation.made}.items()):
-        found, left, se = _squares(out, [*free, -1j / w * lacks], weight)
-        size, se = _of_gain(found[-1], se, found[2 * (i - 1)] if i else 1.0)
+        found, left, se = squares(out, [*free, -1j / w * lacks], weight)
+        size, se = of_gain(found[-1], se, found[2 * (i - 1)] if i else 1.0)
         if left < least and size > 0:
             least, best = left, (size / (2 * np.pi), se / (2 * np.pi), who)
     return best
-
-
-def _of_gain(size: float, error: float, gain: float) -> tuple[float, float]:
-    """What a channel lacks and its error, where it enters with a gain, which is not 1 behind a wrong scale or sign."""
-    return (size / gain, error / abs(gain)) if gain else (0.0, error)
-
-
-def _squares(out: np.ndarray, parts: list[np.ndarray], weight: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Least squares of spectra with real coefficients: these, the cost that is left, and the error of the last one."""
-    root = np.sqrt(weight)
-    columns = np.stack(parts) * root
-    scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
-    real = np.concatenate([columns.real, columns.imag], axis=1) / scale[:, None]
-    wanted = np.concatenate([(out * root).real, (out * root).imag])
-    found, *_ = np.linalg.lstsq(real.T, wanted, rcond=None)
-    left = float(((wanted - found @ real) ** 2).sum())
-    error = np.sqrt(max(np.linalg.pinv(real @ real.T)[-1, -1], 0.0) * max(left / wanted.size, 0.5))
-    return found / scale, left, float(error / scale[-1])

@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from maglev_env.recordings.campaign import load_campaign
-from maglev_env.redundancy.coupling import Relation, _corner
+from maglev_env.redundancy.coupling import _corner
+from maglev_env.redundancy.relation import Relation
 from maglev_env.redundancy.rows import LEVEL
 from maglev_env.redundancy.rules import examine
 
