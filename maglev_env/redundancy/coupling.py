@@ -17,7 +17,7 @@ from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.relation import Relation, of_gain, squares
 from maglev_env.redundancy.rows import LEVEL, MODEL
 from maglev_env.redundancy.view import Lines, View
-from maglev_env.redundancy.wrong_gain import finding_of, of_time, wrong_gain
+from maglev_env.redundancy.wrong_gain import finding_of, of_time, unit_of_time, wrong_gain
 
 SEEN = 0.05  # of the lowest frequency: a corner below turns that line by less than 3 degrees
 EXPLAINS = 0.5  # share of the misfit beyond noise that the corner must explain

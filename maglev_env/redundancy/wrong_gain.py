@@ -89,7 +89,7 @@ def _response_change(gains: Controller, name: str, step: float, z: np.ndarray, d
 def finding_of(view: View, found: WrongGain) -> Finding:
     text = (
         f"gains: the command is what the stated controller makes of the displacement with {found.gain} = "
-        f"{found.value:.4g} +- {2 * found.se:.1g} in place of {found.stated:g}{unitof_time(view, found)}; correct "
+        f"{found.value:.4g} +- {2 * found.se:.1g} in place of {found.stated:g}{unit_of_time(view, found)}; correct "
         f"{found.gain}{of_time(view, found)}"
     )
     return Finding("filter", view.recording, "gains", found.value,
@@ -102,7 +102,7 @@ def of_time(view: View, found: WrongGain) -> str:
     return f" (ki / ti, the integral gain, is {found.value / ti:.4g} A/(m s))" if ti and found.gain == "ki" else ""
 
 
-def unitof_time(view: View, found: WrongGain) -> str:
+def unit_of_time(view: View, found: WrongGain) -> str:
     """What is said of an integral gain that counts in samples."""
     times = found.value / found.stated if found.stated else 0.0
     if not abs(times / view.rig.control_rate - 1) < PER_SAMPLE:
