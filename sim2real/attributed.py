@@ -185,7 +185,7 @@ def _as_quiet_as_stated(settled: Settled, bench: BenchNoise, progress: Callable[
     quiet = replace(fitted, bench=STATED).again(near.hypothesis.point(near.u))
     found = attribute(quiet, progress, replace(attribution, candidates=singles))
     alone = [c.fit for c in found.candidates if len(c.effects) == 1]
-    if not _best(found).fit.cost < min(f.cost for f in alone) - saved_by_second(quiet, alone):
+    if not _best(found).fit.cost < min((f.cost for f in alone), default=np.inf) - saved_by_second(quiet, alone):
         return None
     new = _settled(replace(quiet, bench=bench), settled.judged, found, progress)
     return new if _surprise(new.fitted, new.attribution) < _surprise(fitted, attribution) else None

@@ -44,23 +44,23 @@ def coupled(view: View) -> list[Finding]:
             if name and corner > max(LEVEL * se, least):
                 found.append((corner, se, name, relation))
     if not found:  # an integral gain that is far too large bends the command otherwise than any high-pass
-        integral = wrong_gain(view, of_command) if of_command is not None else None
-        if integral is not None and integral.clearly and integral.whole:
-            return [finding_of(view, integral)]
+        gain = wrong_gain(view, of_command) if of_command is not None else None
+        if gain is not None and gain.clearly and gain.whole:
+            return [finding_of(view, gain)]
         return _of_the_design(view, least)
     exact = [one for one in found if one[3].name != "displacement"]
     corner, se, name, relation = (exact or found)[0]
-    integral = wrong_gain(view, relation) if relation.name == "command" else None
-    if integral is not None and (integral.clearly or unit_of_time(view, integral)):
-        return [finding_of(view, integral)]
+    gain = wrong_gain(view, relation) if relation.name == "command" else None
+    if gain is not None and (gain.clearly or unit_of_time(view, gain)):
+        return [finding_of(view, gain)]
     if len({other for _, _, other, _ in exact}) > 1:
         name = "command"  # what both relations hold
     text = (
         f"{name}: it looks AC coupled, high-pass filtered at {corner:.3g} +- {2 * se:.1g} Hz, against "
         f"{relation.against}; record column {view.columns.get(name, name)!r} with its mean"
     )
-    if integral is not None:
-        text += f", or correct {integral.gain}, which would be {integral.value:.4g}{of_time(view, integral)}"
+    if gain is not None:
+        text += f", or correct {gain.gain}, which would be {gain.value:.4g}{of_time(view, gain)}"
         name += " or gains"
     if not exact:
         text += f", or an effect ({', '.join(EFFECTS)}): run `maglev diagnose`"

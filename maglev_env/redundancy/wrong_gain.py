@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maglev_env.loop.gains import Controller, controller_response, gain_values, with_gains
+from maglev_env.loop.gains import controller_response, gain_values, with_gains
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.relation import Relation, of_gain, squares
 from maglev_env.redundancy.rows import LEVEL, MODEL
@@ -51,9 +51,14 @@ def wrong_gain(view: View, relation: Relation) -> WrongGain | None:
     found: dict[str, tuple[float, float, float, float]] = {}
     for name, stated in gains.items():
         step = float(np.abs(own[0]) * w[0]) if name == integral else CHANGED * stated
-        once = _response_change(view.gains, name, step, z, dt)
-        if once is None:
-            continue
+        try:
+            once, twice = (
+                controller_response(with_gains(view.gains, **{name: stated + n * step}), z, dt) - own for n in (1, 2)
+            )
+        except ValueError:
+            continue  # it cannot be larger
+        if not once.any() or np.abs(twice - 2 * once).max() > LINEAR * np.abs(once).max():
+            continue  # it does nothing, or not in proportion, as the constant of a filter
         more = -(once * y.mean(axis=0)) / step
         by, left, se = squares(relation.out, [*free, more], weight)
         _, alone, _ = squares(misfit, [more], weight)
@@ -68,22 +73,6 @@ def wrong_gain(view: View, relation: Relation) -> WrongGain | None:
     if best != integral and not alone < NOISE * weight.size:
         return None  # beside another scale: several gains are wrong, or something else
     return WrongGain(best, gains[best], gains[best] + size, se, left < coupled_left - LEVEL**2, whole)
-
-
-def _response_change(gains: Controller, name: str, step: float, z: np.ndarray, dt: float) -> np.ndarray | None:
-    """What a larger gain adds to a controller's response (n,); None if it adds nothing, or not in proportion, as the
-    constant of a filter, or if the gain cannot be larger."""
-    stated = gain_values(gains)[name]
-    try:
-        once, twice = (
-            controller_response(with_gains(gains, **{name: stated + n * step}), z, dt)
-            - controller_response(gains, z, dt)
-            for n in (1, 2)
-        )
-    except ValueError:
-        return None
-    size = np.abs(once).max()
-    return once if size > 0 and np.abs(twice - 2 * once).max() <= LINEAR * size else None
 
 
 def finding_of(view: View, found: WrongGain) -> Finding:

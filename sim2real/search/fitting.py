@@ -1,6 +1,6 @@
 """Least squares of many hypotheses at once: every trial step and every Jacobian column is a lane of the simulator."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -146,7 +146,8 @@ def iterate(
         differentiate(stale, data, simulate, True)
         differentiate([f for f in moved if f not in stale], data, simulate, False)
         equations = {id(f): (f.normal, f.gradient) for f in active}
-        promised = {id(f): float(_solved(f, *equations[id(f)], 0.0) @ equations[id(f)][1]) for f in active}
+        undamped = {id(f): _solved(f, *equations[id(f)], 0.0) for f in active}
+        promised = {id(f): float(undamped[id(f)] @ equations[id(f)][1]) for f in active}
         for f in active:
             hoped = f.cost - HOPE * promised[id(f)]
             late = 0 < iteration < PATIENCE and hoped - least > behind
@@ -159,7 +160,8 @@ def iterate(
             for f in active
             for factor, u in zip(DAMPING, _steps(f, *equations[id(f)]), strict=True)
         ]
-        trials += _along_valleys([f for f in active if f.bent and not f.age], equations, data, simulate)
+        valleys = [(f, equations[id(f)][0], undamped[id(f)]) for f in active if f.bent and not f.age]
+        trials += _along_valleys(valleys, data, simulate)
         predicted = simulate([f.hypothesis.point(u) for f, _, u in trials])
         best: dict[int, tuple[float, float, np.ndarray, np.ndarray]] = {}
         for (f, damping, u), p in zip(trials, predicted, strict=True):
@@ -191,26 +193,27 @@ def iterate(
 
 
 def _along_valleys(
-    fits: Sequence[Fit], equations: Mapping[int, tuple], data: np.ndarray, simulate: Simulate
+    valleys: Sequence[tuple[Fit, np.ndarray, np.ndarray]], data: np.ndarray, simulate: Simulate
 ) -> list[tuple[Fit, float, np.ndarray]]:
     """Trial points along a parabola through each fit's point: its undamped step, bent as a further simulation shows.
 
     A straight step soon leaves a narrow valley of the cost that bends. After Transtrum and Sethna (2012), "Improvements
     to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization" (geodesic acceleration).
+
+    Args:
+        valleys: Fits whose rows are fresh, each with the matrix of its normal equations and its undamped step.
+        data: Whitened data (K,).
+        simulate: Predicts the data at points.
     """
-    if not fits:
+    if not valleys:
         return []
-    straight = []
-    for f in fits:
-        step = _solved(f, *equations[id(f)], 0.0)
-        straight.append(step / np.max(abs(step) / reach(f.hypothesis, f.u), initial=1.0))
-    probes = [f.hypothesis.bounded(f.u + PROBE * v) for f, v in zip(fits, straight, strict=True)]
-    predicted = simulate([f.hypothesis.point(u) for f, u in zip(fits, probes, strict=True)])
+    straight = [within_reach(f.hypothesis, f.u, step) for f, _, step in valleys]
+    probes = [f.hypothesis.bounded(f.u + PROBE * v) for (f, *_), v in zip(valleys, straight, strict=True)]
+    predicted = simulate([f.hypothesis.point(u) for (f, *_), u in zip(valleys, probes, strict=True)])
     found = []
-    for f, v, probe, p in zip(fits, straight, probes, predicted, strict=True):
+    for (f, normal, _), v, probe, p in zip(valleys, straight, probes, predicted, strict=True):
         if not np.isfinite(p).all():
             continue
-        normal, _ = equations[id(f)]
         bend = 2.0 * (p - (data - f.residual) - (probe - f.u) @ f.jacobian) / PROBE**2
         turn = -_solved(f, normal, real_product(f.jacobian, bend), 0.0)
         found += [(f, f.damping, f.hypothesis.bounded(f.u + t * v + 0.5 * t**2 * turn)) for t in ALONG]
@@ -219,11 +222,14 @@ def _along_valleys(
 
 def _steps(fit: Fit, normal: np.ndarray, gradient: np.ndarray) -> list[np.ndarray]:
     """Bounded trial points, one for each damping tried."""
-    found, far = [], reach(fit.hypothesis, fit.u)
-    for factor in DAMPING:
-        step = _solved(fit, normal, gradient, fit.damping * factor)
-        found.append(fit.hypothesis.bounded(fit.u + step / np.max(abs(step) / far, initial=1.0)))
-    return found
+    h, u = fit.hypothesis, fit.u
+    steps = (_solved(fit, normal, gradient, fit.damping * factor) for factor in DAMPING)
+    return [h.bounded(u + within_reach(h, u, step)) for step in steps]
+
+
+def within_reach(hypothesis: Hypothesis, u: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """A step (size,) from u, shortened as a whole to where a single step may go."""
+    return step / np.max(abs(step) / reach(hypothesis, u), initial=1.0)
 
 
 def reach(hypothesis: Hypothesis, u: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from sim2real.compared.problem import Problem
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.search.fit import Fit
-from sim2real.search.fitting import reach
+from sim2real.search.fitting import within_reach
 from sim2real.search.following import following
 from sim2real.search.hypotheses import Hypothesis
 from sim2real.search.screening import MOST_SCALED, extended
@@ -83,7 +83,7 @@ def _followed(base: Fit, h: Hypothesis, u: np.ndarray, step: np.ndarray) -> np.n
     moved, own = np.zeros_like(u), dict(zip(base.hypothesis.calibrated, step, strict=True))
     for i, name in enumerate(h.calibrated, len(h.coordinates)):
         moved[i] = own.get(name, 0.0)
-    return h.bounded(u + moved / np.max(abs(moved) / reach(h, u), initial=1.0))
+    return h.bounded(u + within_reach(h, u, moved))
 
 
 def _sizes(f: Fit) -> np.ndarray:

@@ -10,7 +10,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.point import TOLERANCE_EFFECTS
 from sim2real.compared.problem import Part, Problem
 from sim2real.search.fit import Fit, cost_of
-from sim2real.search.fitting import reach
+from sim2real.search.fitting import within_reach
 from sim2real.search.following import following
 from sim2real.search.hypotheses import AT_BOUND, Hypothesis, coordinates_of
 
@@ -202,5 +202,5 @@ class _Look:
         moved = u.copy()
         step = np.zeros_like(u)
         step[self.columns] = self.follows.step(change)
-        moved += step / np.max(abs(step) / reach(h, u), initial=1.0)
+        moved += within_reach(h, u, step)
         return h.bounded(moved)
