@@ -192,11 +192,15 @@ def mix_piece(s: Structure, lanes: int = W) -> Callable:
 def _store_piece(s: Structure, lanes: int) -> Callable:
     """store(x, b, history, kept): writes the commands of the axis at b, as they are passed on, into the history."""
     further, freely = s.further, s.free
+    source = command_path.PASSED if further else U
 
     @piece
     def store(x, b, history, kept):
+        if further:  # a loop of its own, because the compiler cannot know that the history is not part of x
+            for i in range(lanes):
+                x[b + i + source] = command_path.passed_on(x, b + i)
         for i in range(lanes):
-            u = command_path.pass_on(x, b + i) if further else x[b + i + U]
+            u = x[b + i + source]
             history[kept + i] = free.commanded(x, b + i, u) if freely else u
 
     return store

@@ -85,10 +85,8 @@ def left_of(u, half, scale, per_scale):
 
 
 @piece
-def pass_on(x, k):
-    """The command that is passed on (A), which is also stored."""
+def passed_on(x, k):
+    """The command that is passed on (A)."""
     beyond = left_of(x[k + U], x[k + HALF_WIDTH], x[k + ROUND], x[k + PER_ROUND])
     repeated = 1.0 if x[k + LUCK] < x[k + LOST] else x[k + REPEATED]
-    passed = beyond + repeated * (x[k + PASSED] - beyond)
-    x[k + PASSED] = passed
-    return passed
+    return beyond + repeated * (x[k + PASSED] - beyond)
