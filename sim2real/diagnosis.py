@@ -45,6 +45,7 @@ from sim2real.judgement.untold_time import late_readings
 from sim2real.judgement.verdict import verdict
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
 from sim2real.recorded.drifting import DRIFTING
+from sim2real.recorded.driven_alike import driven_alike_in_words
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
 from sim2real.result import OFFSET, Diagnosis, fitted_parameters
@@ -188,6 +189,7 @@ def _problems(records: Sequence[Record | OpenRecord], bench: BenchNoise) -> tupl
         )
     if fitted.static is not None and (drifts := drift_in_words(fitted.static)):
         notes.append(drifts)
+    notes += driven_alike_in_words(records)
     return fitted, judged, judged_on, notes
 
 

@@ -55,12 +55,14 @@ EFFECTS: Mapping[str, EffectCard] = {
             # The smallest presliding distance has no visible effect; it represents friction without presliding.
             "presliding": Parameter("m", 1e-9, 1e-3, 0.0, starts=(1e-9, 3e-7, 3e-6)),
             "static": Parameter("", 1.0, 5.0, 1.0, scale=1.0, shape=0.3),
+            "gradual": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=1.0),
             "stribeck": Parameter("m/s", 1e-6, 10.0, 2e-3, shape=1.0),
             "viscous": Parameter("N s/m", 0.0, 0.625, 0.0, scale=6.25e-4, shape=1.5e-4, per="mass / control period"),
         },
         "Coulomb friction, smooth about rest: F v / sqrt(v^2 + v_s^2); with presliding z_s it sticks: F z / z_s, "
         "dz/dt = v - sqrt(v^2 + v_s^2) z / (z_s g) (Dahl 1968; Canudas de Wit et al. 1995), with the share of static "
-        "friction g = 1 + (static - 1) e^-(v / stribeck)^2; viscous adds to the damping",
+        "friction g = 1 + (static - 1) e^-(v / stribeck)^2; gradual goes from Dahl's exponent 1 to 1/2, whose loops "
+        "are those of many springs that slip one after another (Iwan 1966); viscous adds to the damping",
         "force and displacement at two amplitudes",
         flexible=True,
         linear=False,
@@ -153,9 +155,11 @@ Y, V, ALIVE, STEPS, PER_MASS, LIMIT_SQ, SPRING, DAMPER, CROSS_SPRING, CROSS_DAMP
 # Friction. BENT: deflection of the bristles of friction that sticks, as a share of the deflection at which they slide;
 # SLIP_SQ: the slip velocity squared; PER_BEND: relative deflection per m of motion.
 # STATIC: share of the static friction beyond the sliding one; PER_STRIBECK: one over the velocity at which it is gone.
-BENT, FRICTION, SLIP_SQ, PER_BEND, STATIC, PER_STRIBECK, END = rows_after(
-    _FRICTION, "BENT FRICTION SLIP_SQ PER_BEND STATIC PER_STRIBECK"
+# STEADY: 1 - gradual; ROOTED: gradual / (1 - gradual).
+BENT, FRICTION, SLIP_SQ, PER_BEND, STATIC, PER_STRIBECK, STEADY, ROOTED, END = rows_after(
+    _FRICTION, "BENT FRICTION SLIP_SQ PER_BEND STATIC PER_STRIBECK STEADY ROOTED"
 )
+LEAST_STEADY = 1e-3  # rounding errors of a difference that is divided by STEADY stay below 1e-5
 SIXTH = 1.0 / 6.0
 
 
@@ -183,6 +187,8 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     x[PER_BEND] = np.where(bristle > 0, 1 / np.maximum(np.where(bristle > 0, bristle, 1.0), friction), 0.0)
     x[STATIC] = values.effect("friction", "static") - 1
     x[PER_STRIBECK] = 1 / (values.effect("friction", "stribeck") * h)
+    x[STEADY] = steady = np.maximum(1 - values.effect("friction", "gradual"), LEAST_STEADY)
+    x[ROOTED] = (1 - steady) / steady
 
 
 def friction_rate(values: Values) -> np.ndarray:
@@ -259,12 +265,20 @@ def deflect_bristles(x, k, bent, moved):
 
 @piece
 def deflect_bristles_shaped(x, k, bent, moved):
-    """The same with the Stribeck effect: slow motion slides only beyond the static friction, 1 + STATIC."""
+    """The same with the Stribeck effect, by which slow motion slides only beyond the static friction, 1 + STATIC, and
+    with a gradual slip.
+
+    With w, the deflection that is still missing as a share of the level, dw = -((1 - gradual) w + gradual sqrt(w)) ds
+    along the path s. This is linear in sqrt(w), so that a step along a straight path is exact.
+    """
     path = root(moved * moved + 0.25 * x[k + SLIP_SQ])
     speed = 2.0 * moved * x[k + PER_STRIBECK]
     level = 1.0 + x[k + STATIC] * faded(speed * speed)
     toward = level * (moved / path)
-    return toward + (bent - toward) * faded(path * x[k + PER_BEND] / level)
+    missing = root(abs(bent - toward) / level)
+    kept = faded(0.5 * x[k + STEADY] * path * x[k + PER_BEND] / level)
+    left = max(missing * kept - x[k + ROOTED] * (1.0 - kept), 0.0) / max(missing, 1e-12)
+    return toward + (bent - toward) * (left * left)
 
 
 @piece

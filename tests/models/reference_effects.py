@@ -62,7 +62,7 @@ class FullAxis(Axis):
         self.knees = [value("saturation", key) for key in ("current", "command", "sharpness")]
         self.power, self.unloading = value("hysteresis", "power"), value("hysteresis", "unloading")
         self.ripple = value("hysteresis", "ripple")
-        self.static, self.stribeck = value("friction", "static"), value("friction", "stribeck")
+        self.static, self.stribeck, self.gradual = (value("friction", k) for k in ("static", "stribeck", "gradual"))
         self.feedback = value("amplifier_lag", "feedback")
         self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
         direct, weights, rates = eddy_branches(*(value("eddy_current", k) for k in (None, "order", "depth_hz")))
@@ -161,7 +161,10 @@ class FullAxis(Axis):
         if self.presliding:
             bent = x[self.bristles]
             level = 1 + (self.static - 1) * exp(-((v / self.stribeck) ** 2))
-            slope = (v - sqrt(v * v + self.slip * self.slip) * bent / level) / self.presliding
+            speed = sqrt(v * v + self.slip * self.slip)
+            missing = v / speed - bent / level
+            eased = (1 - self.gradual) * abs(missing) + self.gradual * sqrt(abs(missing))
+            slope = copysign(eased, missing) * speed / self.presliding
         bearing += beside - self.extra_weight - self.rub * bent - self.viscous * v
         angle = self.speed * t - self.quarter + self.moment_phase
         outside = force + self.moment * self.speed**2 * cos(angle)

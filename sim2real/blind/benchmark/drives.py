@@ -10,6 +10,7 @@ from sim2real.blind.benchmark.rigs import SHAKEN, BenchRig
 
 PERIODIC = 6  # periods of a multisine, the first of which settles
 SECONDS = 0.25  # duration of one on rigs of 100 rad/s and above
+BOTH = 45.0  # degrees: along both axes alike
 CHANNEL = {"force": "force", "current": "injection", "reference": "reference"}  # of each place
 
 
@@ -56,7 +57,7 @@ def draw_drive(shape: str, rig: BenchRig, forced: bool, level: float, rng: np.ra
         places = ["reference"] if shape == "steps" else ["current", "reference"]
     place = str(rng.choice(places))
     rate, top = rig.parameters["control_rate"], rig.bandwidth / (2 * pi)
-    direction = float(rng.choice([0.0, 90.0, 45.0])) if rig.axes == 2 else 0.0
+    direction = float(rng.choice([0.0, 90.0, BOTH])) if rig.axes == 2 else 0.0
     period = round(SECONDS * max(1.0, 100.0 / rig.bandwidth) * rate)
     seconds = 5 * period / rate
     lines: tuple[int, ...] = ()

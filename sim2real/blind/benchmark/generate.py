@@ -10,7 +10,7 @@ import numpy as np
 
 from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.detect import Detector, threshold
-from sim2real.blind.benchmark.drives import draw_drive
+from sim2real.blind.benchmark.drives import BOTH, draw_drive
 from sim2real.blind.benchmark.kinds import KINDS, OUTSIDE, VOCABULARY, Kind, known_on
 from sim2real.blind.benchmark.oracle import rivals
 from sim2real.blind.benchmark.rigs import TURNS, BenchRig, draw_rig, log_uniform
@@ -147,6 +147,8 @@ def _experiments(case: Case, rig: BenchRig, rng: np.random.Generator) -> list[Re
     for number, (shape, role) in enumerate(zip(shapes, ("fit", "fit", "holdout"), strict=True)):
         level = 0.05 if shape == "steps" else log_uniform(rng, 0.01, 0.03)
         drive = draw_drive(shape, rig, case.channels != "no_force", level, rng)
+        if number == 1 and drive.direction == found[0].drive.direction == BOTH:
+            drive = replace(drive, direction=90.0)  # else nothing tells what couples the axes from what differs
         pid = softer if number == 1 and rng.random() < 0.5 else rig.pid
         own = speed * (0.6 if number == 1 and rng.random() < 0.5 else 1.0)
         controller = Controller(pid, form, 1 / rig.parameters["control_rate"])

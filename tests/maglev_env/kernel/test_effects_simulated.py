@@ -70,6 +70,7 @@ FORMS = {
     "static friction": (
         effect("friction", 0.2, velocity=1e-4, presliding=2e-6, static=1.5, stribeck=2e-3, viscous=3.0), 1e-2,
     ),
+    "gradual slip": (effect("friction", 0.2, velocity=1e-4, presliding=2e-6, static=1.2, gradual=0.8), 1e-2),
     "an overshooting amplifier, a plate of finite depth": (
         {**effect("amplifier_lag", 1e-4, feedback=0.6), **effect("eddy_current", 300.0, depth_hz=20.0)}, 1e-5,
     ),

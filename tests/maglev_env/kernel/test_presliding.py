@@ -1,6 +1,7 @@
 """Friction that sticks: against solve_ivp, the closed forms of Dahl's loop and of small motions, and its limits."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,15 @@ from maglev_env.kernel.simulate import simulate_records
 from maglev_env.loop.axes import Cross
 from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import NO_CONTROLLER
-from maglev_env.loop.mechanics import PER_BEND, SLIP_SQ, STATIC, deflect_bristles, deflect_bristles_shaped
+from maglev_env.loop.mechanics import (
+    PER_BEND,
+    ROOTED,
+    SLIP_SQ,
+    STATIC,
+    STEADY,
+    deflect_bristles,
+    deflect_bristles_shaped,
+)
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig_file import load_rig
 
@@ -160,8 +169,23 @@ def test_lanes_that_stick_have_a_kernel_of_their_own_and_leave_the_others_alone(
 def test_bristles_that_slide_at_the_slip_velocity_bend_by_its_share_of_their_level(deflect, level):
     """v / sqrt(v^2 + slip^2) is 1 / sqrt(2) there: the smoothing of Coulomb's law, with static friction and without."""
     memory = np.zeros(2000)
-    memory[SLIP_SQ], memory[PER_BEND], memory[STATIC] = 2.0**2, 1e9, 0.5
+    memory[SLIP_SQ], memory[PER_BEND], memory[STATIC], memory[STEADY] = 2.0**2, 1e9, 0.5, 1.0
     assert deflect(memory, 0, 0.0, 0.5 * 2.0) == pytest.approx(level / 2**0.5)  # half a step's motion
+
+
+def test_a_fully_gradual_slip_is_that_of_many_springs_that_slip_one_after_another():
+    """Springs of equal stiffness that slip at 0 .. 1, moved to and fro between ends at which all of them slide."""
+    slips, memory = (np.arange(2000) + 0.5) / 2000, np.zeros(2000)
+    memory[PER_BEND], memory[STEADY] = 2**0.5, 1e-3
+    memory[ROOTED] = (1 - memory[STEADY]) / memory[STEADY]
+    ends, stretched, bent, found = (2.5, 0.0, 2.5), np.zeros(slips.size), 0.0, []
+    for begin, end in pairwise((0.0, *ends)):
+        for moved in np.full(50, (end - begin) / 50):
+            stretched = np.clip(stretched + moved, -slips, slips)
+            bent = deflect_bristles_shaped(memory, 0, bent, moved)
+            found.append((bent, stretched.sum() / slips.sum()))
+    bends, springs = np.transpose(found[50:])  # from rest, a spring does not yield to what it was bent before
+    assert np.ptp(springs) > 1.99 and np.abs(bends - springs).max() < 2e-3
 
 
 def test_absent_presliding_is_zero_and_bounds_are_stated():
