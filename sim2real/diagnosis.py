@@ -51,6 +51,7 @@ from sim2real.recorded.records import Record, read_records
 from sim2real.result import OFFSET, Diagnosis, fitted_parameters
 from sim2real.search.candidates import Attribution, Candidate, best_partial, contradictions
 from sim2real.search.hypotheses import TONES
+from sim2real.search.shaping import of_any_form
 from sim2real.weaker_pull import weaker_pull
 
 FREE_FROM = 0.1  # share of the gap that a named effect may leave without a free correction beside it
@@ -105,6 +106,7 @@ def diagnose(
     rare = rareness(weighed.evidence, shipped()) if named.verdict == "unexplained" else None
     notes += likely_in_words(likely, rare)
     chosen = next(iter(named.kept), None)
+    attribution = _of_any_form(attribution, [e.candidate for e in named.kept])
     picked = None if chosen is None or chosen.candidate is None else attribution.candidates[chosen.candidate]
     if picked is not None and chosen is not None and (said := renamed(chosen, picked.effects)):
         notes.append(said)
@@ -232,6 +234,15 @@ def _weighed(
         ]
     )
     return Weighed(found, verdicted, cause, tempering, seen, drift, sum(tones.values()), notes, evidenced)
+
+
+def _of_any_form(attribution: Attribution, named: Sequence[int | None]) -> Attribution:
+    """The attribution, with the candidates that are named linearised in all forms of their effects, too."""
+    found = list(attribution.candidates)
+    for i in named:
+        if i is not None:
+            found[i] = replace(found[i], of_any_form=of_any_form(attribution.problem, found[i].fit))
+    return replace(attribution, candidates=tuple(found))
 
 
 def _best(attribution: Attribution) -> float:

@@ -191,11 +191,11 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
 
     A parameter that ended at its bound has no standard error: it is not identified. Nor has one that nothing tells, or
     any of a candidate that is so far behind the best that it was not fitted again under the final noise. What a fit
-    leaves beyond the noise widens all others (see `_widened`).
+    leaves beyond the noise widens all others (see `_widened`), and so does what is not told of the form of its effects.
     """
     fit, found = candidate.fit, {}
     known = fit.jacobian is not None
-    sd = _widened(fit) if known else np.full(fit.u.size, np.nan)
+    sd = _errors(candidate) if known else np.full(fit.u.size, np.nan)
     for i, c in enumerate(fit.hypothesis.coordinates):
         value = c.value(float(fit.u[i]))
         at_bound = c.at_bound(float(fit.u[i]))
@@ -224,6 +224,16 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         se = float(sd[i]) * sigma if known else None
         found[f"{name} (relative)"] = {"value": change, "se": se, "at_bound": False}
     return found
+
+
+def _errors(candidate: Candidate) -> np.ndarray:
+    """Standard errors (size,) of the coordinates of a fit, whatever the form of its effects."""
+    wider, own = candidate.of_any_form, candidate.fit.hypothesis
+    if wider is None:
+        return _widened(candidate.fit)
+    first, names = len(own.coordinates), wider.hypothesis.calibrated
+    at = [*range(first), *(first + names.index(name) for name in own.calibrated)]
+    return _widened(wider)[at]
 
 
 def _widened(fit: Fit) -> np.ndarray:

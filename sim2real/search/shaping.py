@@ -55,6 +55,25 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     return [better.get(id(f), f) for f in fits]
 
 
+def of_any_form(problem: Problem, fit: Fit) -> Fit | None:
+    """A fit, linearised with all forms of its effects free, whose covariance holds what the data do not tell of them.
+
+    Where a form pays for its freedom, the fit has it. Where it does not, the plain formula is still only one of many,
+    and what is fitted beside it has other values under others.
+
+    Returns:
+        The fit at the same point; None where it has no other forms, or where the rotor falls beside.
+    """
+    h = replace(fit.hypothesis, shaped=free_forms(fit))
+    if h == fit.hypothesis or fit.jacobian is None:
+        return None
+    (wider,) = begin([h], [_extended(fit, h.calibrated)], problem.data, problem.simulate)
+    if not np.isfinite(wider.cost):
+        return None
+    differentiate([wider], problem.data, problem.simulate, True)
+    return wider
+
+
 def free_forms(fit: Fit) -> tuple[str, ...]:
     """Effects of a fit that have other forms."""
     return tuple(name for name in fit.hypothesis.effects if shapes_of(name, fit.hypothesis.scales))
