@@ -237,11 +237,10 @@ def _weighed(
 
 
 def _of_any_form(attribution: Attribution, named: Sequence[int | None]) -> Attribution:
-    """The attribution, with the candidates that are named linearised in all forms of their effects, too."""
-    found = list(attribution.candidates)
-    for i in named:
-        if i is not None:
-            found[i] = replace(found[i], of_any_form=of_any_form(attribution.problem, found[i].fit))
+    """The attribution, with what is named fitted in all forms of its effects."""
+    at, found = [i for i in named if i is not None], list(attribution.candidates)
+    for i, fit in zip(at, of_any_form(attribution.problem, [found[i].fit for i in at]), strict=True):
+        found[i] = Candidate(fit)
     return replace(attribution, candidates=tuple(found))
 
 

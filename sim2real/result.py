@@ -34,6 +34,7 @@ SCHEMA = "maglev-diagnosis/1"
 OFFSET = "actuator_offset"  # does not show where the mean of a suspended mass is no evidence
 
 NOWHERE = 0.01  # standard deviations of the reciprocal of a form that may be infinite, below which it does nothing
+BY_PRIOR = 0.95  # share of the prior standard deviation of a form from which on the data say nothing of it
 
 
 @dataclass(frozen=True)
@@ -191,11 +192,11 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
 
     A parameter that ended at its bound has no standard error: it is not identified. Nor has one that nothing tells, or
     any of a candidate that is so far behind the best that it was not fitted again under the final noise. What a fit
-    leaves beyond the noise widens all others (see `_widened`), and so does what is not told of the form of its effects.
+    leaves beyond the noise widens all others (see `_widened`).
     """
     fit, found = candidate.fit, {}
     known = fit.jacobian is not None
-    sd = _errors(candidate) if known else np.full(fit.u.size, np.nan)
+    sd = _widened(fit) if known else np.full(fit.u.size, np.nan)
     for i, c in enumerate(fit.hypothesis.coordinates):
         value = c.value(float(fit.u[i]))
         at_bound = c.at_bound(float(fit.u[i]))
@@ -214,6 +215,8 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
                 continue  # not told from one that is so large that it does nothing
             if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
                 at_end = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
+                if known and not at_end and sd[i] > BY_PRIOR:
+                    continue  # the data say nothing of it
                 se = None if at_end or not known else float(sd[i]) * shape.change(at)
                 # All of a share is a form of its own, and not the end of a search.
                 at_bound = at_end and (shape.parameter.low, shape.parameter.high) != (0.0, 1.0)
@@ -224,16 +227,6 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         se = float(sd[i]) * sigma if known else None
         found[f"{name} (relative)"] = {"value": change, "se": se, "at_bound": False}
     return found
-
-
-def _errors(candidate: Candidate) -> np.ndarray:
-    """Standard errors (size,) of the coordinates of a fit, whatever the form of its effects."""
-    wider, own = candidate.of_any_form, candidate.fit.hypothesis
-    if wider is None:
-        return _widened(candidate.fit)
-    first, names = len(own.coordinates), wider.hypothesis.calibrated
-    at = [*range(first), *(first + names.index(name) for name in own.calibrated)]
-    return _widened(wider)[at]
 
 
 def _widened(fit: Fit) -> np.ndarray:

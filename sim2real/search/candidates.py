@@ -19,16 +19,9 @@ FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for
 
 @dataclass(frozen=True)
 class Candidate:
-    """A fitted hypothesis.
-
-    Attributes:
-        fit: The fit.
-        of_any_form: The same, linearised with all forms of its effects free; None where there are no others, or where
-            it was not asked for.
-    """
+    """A fitted hypothesis."""
 
     fit: Fit
-    of_any_form: Fit | None = None
 
     @property
     def effects(self) -> tuple[str, ...]:

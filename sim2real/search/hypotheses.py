@@ -163,7 +163,8 @@ class Hypothesis:
     @cached_property
     def shapes(self) -> Mapping[str, Shape]:
         """Coordinates of the forms that are free, by name."""
-        return {s.name: s for name in self.effects if name in self.shaped for s in shapes_of(name, self.scales)}
+        free = (s for name in self.effects if name in self.shaped for s in shapes_of(name, self.scales))
+        return {s.name: s for s in free if s.key not in self.given.get(s.effect, {})}
 
     def instead(self, *effects: str) -> "Hypothesis":
         """Other effects on the same rig; the form stays free of those that stay."""

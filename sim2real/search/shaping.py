@@ -16,6 +16,7 @@ from sim2real.search.shapes import shapes_of
 WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
 LEAST = 4.0  # cost that a linear prediction must promise
 STEPS = 25  # of a fit; one that is a mode begins with too much damping
+FEW = 6  # of one that begins beside its minimum
 SOUGHT = 2  # places that are followed of those at which what a form adds may lie
 
 
@@ -55,23 +56,32 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     return [better.get(id(f), f) for f in fits]
 
 
-def of_any_form(problem: Problem, fit: Fit) -> Fit | None:
-    """A fit, linearised with all forms of its effects free, whose covariance holds what the data do not tell of them.
+def of_any_form(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """The fits, with all forms of their effects free but for what a form adds, such as a further mode.
 
-    Where a form pays for its freedom, the fit has it. Where it does not, the plain formula is still only one of many,
-    and what is fitted beside it has other values under others.
-
-    Returns:
-        The fit at the same point; None where it has no other forms, or where the rotor falls beside.
+    Where a form pays for its freedom, a fit has it. Where it does not, the plain formula is still only one of many, and
+    what is fitted beside it has other values under the others: the fit that is given here has the most probable ones,
+    and its covariance holds what the data do not tell of the form.
     """
-    h = replace(fit.hypothesis, shaped=free_forms(fit))
-    if h == fit.hypothesis or fit.jacobian is None:
-        return None
-    (wider,) = begin([h], [_extended(fit, h.calibrated)], problem.data, problem.simulate)
-    if not np.isfinite(wider.cost):
-        return None
-    differentiate([wider], problem.data, problem.simulate, True)
-    return wider
+    freed = [_with_forms(f) for f in fits]
+    jobs = [(f, h) for f, h in zip(fits, freed, strict=True) if h != f.hypothesis and f.jacobian is not None]
+    hypotheses = [h for _, h in jobs]
+    begun = begin(hypotheses, [_extended(f, h.calibrated) for f, h in jobs], problem.data, problem.simulate)
+    iterate([new for new in begun if np.isfinite(new.cost)], problem.data, problem.simulate, FEW)
+    moved = [new for new in begun if np.isfinite(new.cost) and not new.fresh]
+    differentiate(moved, problem.data, problem.simulate, True)
+    better = {id(f): new for (f, _), new in zip(jobs, begun, strict=True) if new.cost <= f.cost}
+    return [better.get(id(f), f) for f in fits]
+
+
+def _with_forms(fit: Fit) -> Hypothesis:
+    """The hypothesis of a fit with all forms free but for what those that it has not add."""
+    h, given = fit.hypothesis, {}
+    for name in free_forms(fit):
+        added = {s.key: s.parameter.default for s in shapes_of(name, h.scales) if s.parameter.added}
+        if added and name not in h.shaped:
+            given[name] = added
+    return replace(h, shaped=free_forms(fit), given={**h.given, **given})
 
 
 def free_forms(fit: Fit) -> tuple[str, ...]:

@@ -70,8 +70,24 @@ def test_a_further_mode_without_a_size_is_nowhere(size):
     u[at] = h.shapes["sensor_resonance.further_ratio"].at(size)
     for name in ("further_frequency", "further_damping"):
         u[first + names.index(f"sensor_resonance.{name}")] += 0.5
-    found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, np.zeros((h.size, 2), complex))))
+    found = fitted_parameters(
+        Candidate(Fit(h, u, np.zeros(h.size, complex), 1.0, 30.0 * np.eye(h.size, dtype=complex)))
+    )
     assert any("further" in name for name in found) == bool(size)
+
+
+@pytest.mark.parametrize(("told", "printed"), [(0.1, False), (3.0, True)])
+def test_a_form_of_which_the_data_say_nothing_is_not_printed(told, printed):
+    """Its error is that of its prior: "stribeck 2.0 +- 2.0 mm/s" beside a friction that has no static share."""
+    h = Hypothesis(("friction",), {}, shaped=("friction",))
+    at, u, jacobian = (
+        len(h.coordinates) + h.calibrated.index("friction.stribeck"),
+        np.zeros(h.size),
+        np.zeros((h.size, 2)),
+    )
+    u[at], jacobian[at, 0] = 0.01, told
+    found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, jacobian.astype(complex))))
+    assert ("friction.stribeck" in found) == printed
 
 
 @pytest.mark.parametrize(("reciprocal", "told"), [(1e-4, 30.0), (0.5, 30.0), (0.5, 0.5)])
