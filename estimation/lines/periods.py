@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 LEAST = 4  # periods whose phases may tell a drift
 FAINT = 1e-3  # of the strongest line's power: lines that tell no drift
 LEFT = 0.1  # share of a period's power that may be no shifted copy, so that its shift counts
+# Share of the power of a shift that may drift otherwise, and standard deviations by which it does so surely.
+OTHERWISE, SURELY = 0.1, 8.0
 NEGLIGIBLE = 1e-3  # of a channel's amplitudes: a transient that is smaller leaves them as they are
 BY_CHANCE = 14.0  # what one of a million pairs of steady periods exceeds, see `two_unsteady`
 NEIGHBOURS = 8  # neighbouring lines that are tested for a transient together
@@ -169,7 +171,8 @@ def period_drift(spectra: np.ndarray, w: np.ndarray, at: Sequence[int] | None = 
         at: Numbers of the periods, increasing, where some are left out; None: one after the other.
 
     Returns:
-        Samples per period by which the periods run ahead, and the standard error; None where it is not told.
+        Samples per period by which the periods run ahead, and the standard error; None where it is not told, or where
+        what drifts is no shift: a plant whose gain changes turns the phases of its lines, too.
     """
     if len(spectra) < LEAST:
         return None
@@ -196,11 +199,24 @@ def period_drift(spectra: np.ndarray, w: np.ndarray, at: Sequence[int] | None = 
     if (left.sum(axis=1) > LEFT * weight.sum()).any():
         return None
     slope, ahead = np.polyfit(since, shift, 1)
+    drift, chance = _otherwise(spectra * np.exp(-1j * np.outer(shift, w)), since)
+    if drift > max(OTHERWISE * slope**2 * power, SURELY * chance):
+        return None
     off = shift - slope * since - ahead
     # Few periods scatter by chance less than the noise of their lines lets them.
     noise = (weight * w**2 * left / 2).sum() / len(since) / power**2
     scatter = max((off**2).sum() / max(len(since) - 2, 1), noise)
     return float(slope), float(np.sqrt(scatter / ((since - since.mean()) ** 2).sum()))
+
+
+def _otherwise(aligned: np.ndarray, since: np.ndarray) -> tuple[float, float]:
+    """Power by which the lines (periods, n), with their shifts taken off, drift per period beyond their noise, and the
+    standard deviation of that by noise."""
+    time = since - since.mean()
+    trend = time @ aligned / (time @ time)
+    rest = np.abs(aligned - aligned.mean(axis=0) - np.outer(time, trend)) ** 2
+    noise = rest.sum(axis=0) / max(len(since) - 2, 1) / (time @ time)
+    return float((np.abs(trend) ** 2 - noise).sum()), float(np.sqrt((noise**2).sum()))
 
 
 def transient_periods(spectra: np.ndarray, level: float = 1e-3) -> int:

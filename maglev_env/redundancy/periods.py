@@ -17,6 +17,7 @@ FAINT = 1e-3  # of the strongest line's power: lines that place no shift
 CLEAR = 6.0  # standard errors of a shift between periods
 SHIFTED, COPY = 0.5, 0.2  # samples; share of a block's power that may differ from a shifted copy
 SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest is 6, a sum of a few sines has 2
+FEW = 3  # periods of which one may be unlike both others by what turns, or hums, beside the lines
 OTHER = 20.0  # times the usual power of a period's difference from the others
 LEVEL = 1e-5  # probability of a drift under noise alone
 AGAIN, COINCIDE = 2, 0.4  # samples at an extreme value; share of the departures beside one of them
@@ -128,7 +129,7 @@ def outliers(view: View) -> list[Finding]:
         size = float(np.ptp(blocks[first:, i]))
         if sigma <= 1e-9 * size:
             sigma = max(float(np.median(np.abs(rest[rest != 0]))) if rest.any() else 0.0, 1e-4 * size)
-        power = np.mean(rest**2, axis=1)
+        power, unlike = np.mean(rest**2, axis=1), _unlike(rest)
         worst = float(np.abs(rest).max())
         p, k = np.unravel_index(int(np.argmax(np.abs(rest))), rest.shape)
         when = ((kept[p] + first) * samples + k) / view.rate
@@ -139,15 +140,32 @@ def outliers(view: View) -> list[Finding]:
                 "its period out (start, samples)"
             )
             found.append((kept[p] + first, Finding("spike", view.recording, name, worst, None, text, "wiring")))
-        elif (ratio := float(power.max() / max(np.median(power), 1e-300))) > OTHER and power.max() > (0.01 * size) ** 2:
-            at = kept[int(np.argmax(power))] + first
+        elif (
+            (ratio := float(unlike.max() / max(np.median(unlike), 1e-300))) > OTHER
+            and unlike.max() > (0.01 * size) ** 2
+            and len(rest) > FEW
+        ):
+            at = kept[int(np.argmax(unlike))] + first
             text = (
                 f"{name}: the period from {at * samples / view.rate:.4g} s on differs from the others by "
-                f"{np.sqrt(power.max()):.3g} {unit} rms, {np.sqrt(ratio):.0f} times as much as usual; something "
+                f"{np.sqrt(unlike.max()):.3g} {unit} rms, {np.sqrt(ratio):.0f} times as much as usual; something "
                 "happened there, or two records are joined: leave it out (start, samples)"
             )
             found.append((at, Finding("period", view.recording, name, float(np.sqrt(ratio)), None, text, "wiring")))
     return _together(view, found)
+
+
+def _unlike(periods: np.ndarray) -> np.ndarray:
+    """Mean square (P,) of the difference between each of some periods (P, samples) and the one that is most like it,
+    for one of the two.
+
+    What turns, or hums, beside the lines differs from period to period, and may be reversed in each second one; but
+    none is then unlike all others.
+    """
+    size = np.mean(periods**2, axis=1)
+    apart = size[:, None] + size - 2 * periods @ periods.T / periods.shape[1]
+    np.fill_diagonal(apart, np.inf)
+    return np.maximum(apart.min(axis=1), 0.0) / 2
 
 
 def _together(view: View, found: list[tuple[int, Finding]]) -> list[Finding]:

@@ -45,6 +45,18 @@ def test_a_channel_of_another_clock_is_named_with_its_rate(ppm):
     assert found.channel == "displacement or force" and "ppm" in found.message
 
 
+def test_a_gain_that_drifts_in_the_loop_is_no_clock():
+    """It turns the phases of the lines near the bandwidth, and changes their sizes as much."""
+    rng, drive = np.random.default_rng(11), channel(np.random.default_rng(5), noise=0.0)
+    spectrum, f = np.fft.rfft(drive), np.fft.rfftfreq(drive.size, 1 / RATE)
+    s = 2j * np.pi * f
+    closed = [np.fft.irfft(spectrum * gain / (s**2 / 800**2 + s / 1500 + gain), drive.size) for gain in (1.0, 0.9)]
+    share = np.linspace(0.0, 1.0, drive.size)
+    moved = (1 - share) * closed[0] + share * closed[1]
+    seen = view(force=drive, displacement=moved + 1e-3 * moved.std() * rng.normal(size=drive.size))
+    assert clocks(seen) == []
+
+
 def test_a_period_that_is_left_out_leaves_the_rate_of_a_clock_as_it_is():
     rng = np.random.default_rng(9)
     seen = view(force=channel(rng), displacement=channel(rng), current=channel(rng, 100.0))

@@ -52,6 +52,16 @@ def test_what_was_bridged_for_another_channel_is_no_spike(told):
     assert [f.code for f in found] == ([] if told else ["spike"])
 
 
+@pytest.mark.parametrize(("event", "found"), [(False, []), (True, ["period"])])
+def test_what_turns_beside_the_lines_is_nothing_that_happened(event, found):
+    """51 Hz between lines of 2 Hz, as of a runout, is reversed in each second period."""
+    rng, at = np.random.default_rng(4), np.arange(PERIODS * SAMPLES)
+    wave = np.tile(np.sin(2 * np.pi * 40 * np.arange(SAMPLES) / SAMPLES), PERIODS)
+    wave += 0.3 * np.sin(2 * np.pi * 25.5 * at / SAMPLES) + 1e-3 * rng.normal(size=at.size)
+    wave[3 * SAMPLES : 4 * SAMPLES] += 0.3 * event * np.sin(2 * np.pi * 7 * np.arange(SAMPLES) / SAMPLES)
+    assert [f.code for f in outliers(view(displacement=wave))] == found
+
+
 def _loop_less(rng, ki):
     """A displacement of many lines, and the command that a program makes of it, sample by sample."""
     n, dt = SAMPLES, 1 / RATE
