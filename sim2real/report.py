@@ -19,6 +19,7 @@ from sim2real.words import Fitted, fitted_quantity, percent, quantity
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
 BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is said
 MAY_BE = 0.1  # a probability that is worth a word beside "no gap"
+NOTHING = {(NONE,), (CALIBRATION,)}  # hypotheses under which no effect acts
 MOSTLY = 0.9  # of a gap: what closes as much, surely, is worth a word although something else is left
 NO_SHARE = "too near to the noise for a share that is closed"  # of a gap whose sizes before and after are known
 
@@ -89,6 +90,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "no_gap":
         sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)
         within = f"({percent(sure)}{_not_excluded(diagnosis)})"
+        if sure < max((e.probability for e in diagnosis.which if e.effects not in NOTHING), default=0.0):
+            return f"Nothing is named: no effect may be needed {within}{_far_off(diagnosis)}{_loud(diagnosis)}."
         if far := _far(diagnosis):
             stated = f"but the rig is not as stated: {', '.join(far)}"
             return f"No effect is needed {within}, {stated}{_loud(diagnosis)}."
@@ -131,11 +134,16 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 def _not_excluded(diagnosis: Diagnosis) -> str:
     """What may act although nothing is named, as the rest of a bracket: hypotheses as probable as one in ten."""
-    known = {(NONE,), (CALIBRATION,)}
-    may = [e for e in diagnosis.which if e.effects not in known and e.probability >= MAY_BE]
+    may = [e for e in diagnosis.which if e.effects not in NOTHING and e.probability >= MAY_BE]
     names = ["an unknown effect" if e.effects == (UNKNOWN,) else _and(e.effects) for e in may]
     said = [f"{name} {percent(e.probability)}" for name, e in zip(names, may, strict=True)]
     return f"; not excluded: {', '.join(said)}" if said else ""
+
+
+def _far_off(diagnosis: Diagnosis) -> str:
+    """What is off where no effect acts, as the end of a sentence."""
+    far = _far(diagnosis)
+    return f"; if none acts, the rig is not as stated: {', '.join(far)}" if far else ""
 
 
 def _from_current(diagnosis: Diagnosis) -> str:
@@ -263,7 +271,7 @@ def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Blocks, bands and kinds of lines with their shares of what calibration leaves."""
     where = diagnosis.where
     if not where.significant:
-        return ("nothing stands out of the noise, in any block, band or kind of line",)
+        return ("what calibration leaves stands out of the noise in no block, band or kind of line",)
     bands = sorted((b for b in where.bands if b[2] > 0), key=lambda b: -b[2])[:SHOWN_BANDS]
     return (
         "blocks: " + _shares({name.replace("+", " + "): share for name, share in where.blocks.items()}),

@@ -264,11 +264,13 @@ def _row(view: View, row: Row) -> Finding:
 
 
 def _stated_peak(view: View, row: Row, rows: Sequence[Row]) -> Finding:
-    """An excitation that differs from its stated peak alone: the statement is wrong where others hold the channel."""
+    """An excitation that differs from its stated peak alone: the statement is wrong where another row, which agrees,
+    would show it if the channel had that factor."""
     name = next(iter(row.powers))
     se = 2 * row.gain_se * abs(row.gain)
     text = f"{name}: factor {row.gain:.3g} +- {se:.1g} against {row.against}; "
-    if any(name in other.powers for other in rows if not other.code.startswith("designed")):
+    holding = [other for other in rows if name in other.powers and not other.code.startswith("designed")]
+    if any(other.tolerance + LEVEL * other.gain_se < abs(row.size) for other in holding):
         text += (
             f"column {view.columns.get(name, name)!r} agrees with what it does, so correct the stated amplitude (peak)"
         )

@@ -244,12 +244,14 @@ def idle_cost(point: Point, names: Sequence[str], rig: Rig) -> float:
 
 
 def unnamed_pair(attribution: Attribution) -> Candidate | None:
-    """The best pair that is not named because one of both changes nothing, see `idle_cost`; None without one."""
+    """The best pair that is not named because one of both only replaces what is stated, as a lag in another form does,
+    see `idle_cost`; None without one."""
     p = attribution.problem
     rig, reached = p.parts[0].record.nominal, (motion_reached(p), current_reached(p))
     found = [
         c for c in attribution.candidates
         if len(c.effects) > 1 and not c.contradicted and np.isfinite(c.fit.cost)
+        and not any(_absent(c.fit.hypothesis.point(c.fit.u), name) for name in c.effects)
         and isinf(idle_cost(c.fit.hypothesis.point(c.fit.u), c.effects, rig))
         and np.isfinite(meaningless_cost(c.fit, rig, *reached))
     ]  # fmt: skip

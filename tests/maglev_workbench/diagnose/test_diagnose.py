@@ -161,7 +161,10 @@ def test_measured_and_simulated_responses_are_those_of_the_loop(diagnosed):
 def test_every_verdict_has_a_page(diagnosed):
     found, named = diagnosed
     assert "foil" in diagnose_page(named)
-    none = replace(found, verdict="no_gap", cause=(), next_experiments=None)
+    within = replace(found.which[0], effects=("calibration",), probability=0.9, candidate=0)
+    none = replace(found, verdict="no_gap", cause=(), next_experiments=None, which=(within,))
+    doubtful = replace(none, which=(replace(found.which[0], probability=0.5), replace(within, probability=0.4)))
+    assert "no effect may be needed (40 %; not excluded: " in " ".join(shown(doubtful).split())
     assert "There is no gap" in diagnose_page(none) and "Within tolerance" in shown(none)
     partly = " ".join(shown(replace(none, unseen=("delay",))).split())
     assert "from the current on" in partly and "from the current on" not in shown(none)
@@ -193,7 +196,7 @@ def test_every_verdict_has_a_page(diagnosed):
     still = replace(found, gap=replace(found.gap, before=None, closed_fraction=None))
     assert "does not levitate before" in shown(still) and "is not drawn" in diagnose_page(still)
     hidden = replace(named, where=replace(named.where, significant=False))
-    assert "nothing stands out of the noise" in shown(hidden) and "% in controller" not in diagnose_page(hidden)
+    assert "stands out of the noise in no block" in shown(hidden) and "% in controller" not in diagnose_page(hidden)
 
 
 @pytest.mark.slow
