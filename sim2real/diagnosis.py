@@ -21,6 +21,7 @@ from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.standing import standing
 from sim2real.compared.stated_noise import louder_in_words, louder_than_stated, scattered
 from sim2real.free.correction import free_correction
+from sim2real.gap.between_recordings import gain_between
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
@@ -117,6 +118,8 @@ def diagnose(
     plan = None
     if named.verdict == "unexplained":
         notes += not_asked_in_words(records[0].nominal)
+        if between := gain_between(attribution.problem, attribution.calibration.fit):
+            notes.append(between.in_words())
     if named.verdict in ("ambiguous", "unexplained"):
         progress("next experiment")
         plan = propose(attribution, named.found, weighed.seen, named.verdict == "unexplained")
