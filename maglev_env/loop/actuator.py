@@ -121,7 +121,7 @@ EFFECTS: Mapping[str, EffectCard] = {
     "eccentricity": EffectCard(
         "actuator",
         {"offset": Parameter("m", -0.01, 0.01, scale=1e-5, starts=(-4e-5, -5e-6, 5e-6, 4e-5))},
-        "the magnetic centre is offset from the sensed centre, D 5.2.3",
+        "the magnetic centre is offset from the sensed one, or the zero of the displacement is, D 5.2.3",
         "displacement at two static offsets",
         ("magnets",),
         flexible=True,
