@@ -16,7 +16,7 @@ from sim2real.search.shapes import shapes_of
 WITHIN = 0.6  # share of what the best fit saves by which others may be behind it and still be tried in other forms
 LEAST = 4.0  # cost that a linear prediction must promise
 STEPS = 25  # of a fit; one that is a mode begins with too much damping
-FEW = 6  # of one that begins beside its minimum
+FEW = 12  # of one that begins beside its minimum
 SOUGHT = 2  # places that are followed of those at which what a form adds may lie
 
 

@@ -14,6 +14,7 @@ from sim2real.compared.point import Point
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis, coordinates_of, single_effects
 from sim2real.search.shapes import shapes_of
+from sim2real.search.shaping import of_any_form
 from sim2real.search.shaping import shaped as in_other_forms
 from sim2real.search.starts import starts, starts_elsewhere
 
@@ -64,6 +65,22 @@ def test_the_plain_form_stays_where_it_made_the_data():
         b = bench(seed)
         plain = plain_fit(b)
         assert in_other_forms(b, 1e6, [plain], 1) == [plain]
+
+
+def test_an_interval_covers_whatever_the_form():
+    """Knees of any sharpness in noise that hardly tells them; the plain formula's interval misses a third."""
+    rng, hits = np.random.default_rng(5), {"plain": [], "any": []}
+    (sharp,) = (s for s in shapes_of("saturation", PAIR) if s.key == "sharpness")
+    for _ in range(150):
+        faint = bench(0, sharpness=sharp.value(sharp.bounded(rng.standard_normal())))
+        noise = 30.0 * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
+        b = Bench((faint.data + noise) / 30.0)
+        b = SimpleNamespace(data=b.data, simulate=lambda points, b=b: b.simulate(points) / 30.0)
+        plain = plain_fit(b)
+        (wider,) = of_any_form(b, [plain])
+        for name, fit in (("plain", plain), ("any", wider)):
+            hits[name].append(abs(fit.u[0] - log(1.2)) < 1.96 * np.sqrt(fit.covariance()[0, 0]))
+    assert np.mean(hits["any"]) > 0.92 and np.mean(hits["plain"]) < 0.75
 
 
 def test_a_form_is_a_prior_about_the_plain_formula():
