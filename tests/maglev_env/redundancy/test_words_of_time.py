@@ -36,6 +36,20 @@ def test_a_force_that_is_half_a_sample_off_asks_what_it_is_between_samples(late,
     assert ("intersample" in found.message) == bool(says) and says in found.message
 
 
+@pytest.mark.parametrize(
+    ("tolerance", "says"), [(0.25, "check the scale of column"), (0.05, "agrees with what it does")]
+)
+def test_a_column_agrees_only_with_what_would_show_its_factor(tolerance, says):
+    """What mass, probe and gain leave open by 25 % does not tell a force of 1.12 times its stated peak from a scale."""
+    peak = Row("designed force", {"force": 1}, 1.12, 1e-3, 0.1, "its stated 1 N peak")
+    seen = 1 / 1.12 if tolerance > 0.1 else 1.0
+    newton = Row(
+        "newton force", {"displacement": 1, "force": -1, "mass": 1}, seen, 1e-3, tolerance, "the force on 1 kg"
+    )
+    (found,) = explained(view(displacement=np.ones(9), force=np.ones(9)), [peak, newton])
+    assert found.channel == "force" and says in found.message
+
+
 @pytest.mark.parametrize("told", [True, False])
 def test_what_was_bridged_for_another_channel_is_no_spike(told):
     """The clipped current hides a few samples of all periods but one, other ones in each."""
