@@ -22,6 +22,7 @@ from sim2real.search.hypotheses import Hypothesis, single_effects, usual_toleran
 from sim2real.search.pairs import alone_again, fit_pairs
 from sim2real.search.shaping import shaped
 from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles
+from sim2real.search.sought_again import sought_again
 
 SHAPED, SHAPED_PAIRS = 5, 5  # best single effects and pairs that are tried in other forms
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
@@ -84,6 +85,8 @@ def attribute(
         pairs, singles = fit_pairs(problem, (untouched, calibration[0]), singles, pairs)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
         singles = _one_of_each([*singles, *alone_again(problem, singles, pairs)])
+        moved = sought_again(problem, [*singles, *pairs])
+        singles, pairs = moved[: len(singles)], moved[len(singles) :]
     fits = _blurred(problem, [*calibration, *singles, *pairs])
     standing = [f for f in fits if np.isfinite(f.cost)]
     if not standing:

@@ -41,7 +41,7 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     jobs = []
     for f in tried:
         h = replace(f.hypothesis, shaped=free_forms(f))
-        jobs += [(f, h, u) for u in (*starts(f, h), *_sought(problem, f, h))]
+        jobs += [(f, h, u) for u in (*starts(f, h), *places_of_added(problem, f, h))]
     freed = begin([h for _, h, _ in jobs], [u for *_, u in jobs], problem.data, problem.simulate)
     standing = [(f, new) for (f, *_), new in zip(jobs, freed, strict=True) if np.isfinite(new.cost)]
     differentiate([new for _, new in standing], problem.data, problem.simulate, True)
@@ -114,7 +114,7 @@ def _extended(fit: Fit, calibrated: Sequence[str]) -> np.ndarray:
     return np.concatenate([fit.u[:own], [known.get(name, 0.0) for name in calibrated]])
 
 
-def _sought(problem: Problem, fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
+def places_of_added(problem: Problem, fit: Fit, freed: Hypothesis) -> list[np.ndarray]:
     """Coordinates at which a fit may start with what a form adds, such as a further mode: of all places where that may
     lie those which promise most, sized to fit the residual best with all else following."""
     first, own = len(freed.coordinates), _extended(fit, freed.calibrated)
