@@ -47,9 +47,9 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     differentiate([new for _, new in standing], problem.data, problem.simulate, True)
     pairs = []
     for f in tried:
-        own = [(new.cost - _promised(new), new) for fit, new in standing if fit is f]
-        hoped, new = min(own, key=lambda each: each[0], default=(np.inf, None))
-        if new is not None and hoped < f.cost - LEAST:
+        own = [new for fit, new in standing if fit is f]
+        new = min(own, key=hoped, default=None)
+        if new is not None and hoped(new) < f.cost - LEAST:
             pairs.append((f, new))
     iterate([new for _, new in pairs], problem.data, problem.simulate, STEPS)
     better = {id(f): new for f, new in pairs if new.cost + new.occam < f.cost + f.occam}
@@ -140,6 +140,6 @@ def places_of_added(problem: Problem, fit: Fit, freed: Hypothesis) -> list[np.nd
     return found
 
 
-def _promised(fit: Fit) -> float:
-    """What a linear prediction saves of the cost."""
-    return following(fit).promised
+def hoped(fit: Fit) -> float:
+    """The cost that a linear prediction promises."""
+    return fit.cost - following(fit).promised

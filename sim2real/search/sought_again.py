@@ -11,8 +11,9 @@ import numpy as np
 from sim2real.compared.problem import Problem
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate
-from sim2real.search.shaping import STEPS, places_of_added
+from sim2real.search.shaping import STEPS, hoped, places_of_added
 
+FOLLOWED = 2  # places that are followed to their minimum
 LEFT_SD = 3.0  # standard deviations of noise that the best fit must leave beyond it
 FURTHER = ("further_ratio", "further_frequency", "further_damping")
 # Size of the first mode of an effect, and whether that of the further one is a multiple of it.
@@ -36,7 +37,10 @@ def sought_again(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     standing = [f for f in bare if np.isfinite(f.cost)]
     differentiate(standing, problem.data, problem.simulate, True)
     places = [u for f in standing for u in places_of_added(problem, f, h)]
-    moved = begin([h] * len(places), places, problem.data, problem.simulate)
+    begun = begin([h] * len(places), places, problem.data, problem.simulate)
+    begun = [f for f in begun if np.isfinite(f.cost)]
+    differentiate(begun, problem.data, problem.simulate, True)
+    moved = sorted(begun, key=hoped)[:FOLLOWED]
     iterate(moved, problem.data, problem.simulate, STEPS, [best.cost] * len(moved))
     new = min(moved, key=lambda f: f.cost + f.occam, default=best)
     better = new if new.cost + new.occam < best.cost + best.occam else best
