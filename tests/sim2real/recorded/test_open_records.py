@@ -190,16 +190,13 @@ def _without_gains(folder):
 def test_the_current_alone_tells_the_rig_whatever_the_controller(campaign, kind):
     bench = Bench(stiffness=-0.05)
     truth = {"negative_stiffness": 0.95 * bench_loop.STIFFNESS, "actuator_gain": bench_loop.GAIN, "damping": 0.0}
-    z = []
-    for seed in range(2):
-        folder = campaign(bench, {kind: "fit"}, seed=10 * seed)
-        _without_gains(folder)
-        _, (record,) = read_records(folder)
-        assert "stands in for the controller" in " ".join(record.notes)
-        found = {c.name: c for c in pooled([record]).coefficients}
-        assert "delay" not in found  # it acts before the current
-        z.append([(found[n].value - value) / found[n].se for n, value in truth.items()])
-    assert abs(np.mean(z, axis=0)).max() < 2 and abs(np.array(z)).max() < 4
+    folder = campaign(bench, {kind: "fit"}, seed=10)
+    _without_gains(folder)
+    _, (record,) = read_records(folder)
+    assert "stands in for the controller" in " ".join(record.notes)
+    found = {c.name: c for c in pooled([record]).coefficients}
+    assert "delay" not in found  # it acts before the current
+    assert max(abs(found[n].value - value) / found[n].se for n, value in truth.items()) < 3
     assert found["negative_stiffness"].se < 0.015 * abs(bench_loop.STIFFNESS)
 
 
