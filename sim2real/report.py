@@ -71,11 +71,12 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
     for name, values in diagnosis.corrected.effects.items():
         if name in FREE:
             continue  # the coefficients of a free correction mean nothing by themselves: it is drawn and described
+        in_fit = any(known.startswith(f"{name}.") for known in fitted)
         for key, value in values.items():
             at, parameter = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key]
-            # The phase of a tone, which begins anew in every recording, and what a further mode without a size would be
-            # are no findings.
-            if not at and (key == "phase" or parameter.added):
+            # The phase of a tone, which begins anew in every recording, what a further mode without a size would be,
+            # and a form that is not told from the plain one are no findings.
+            if not at and (key == "phase" or parameter.added or (in_fit and key in EFFECTS[name].shapes)):
                 continue
             ended = at.get("at_bound", False)
             found.append(Correction(f"{name}.{key}", value, at.get("se"), parameter.unit, key == "change", ended))

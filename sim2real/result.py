@@ -34,7 +34,7 @@ SCHEMA = "maglev-diagnosis/1"
 OFFSET = "actuator_offset"  # does not show where the mean of a suspended mass is no evidence
 
 NOWHERE = 0.01  # standard deviations of the reciprocal of a form that may be infinite, below which it does nothing
-BY_PRIOR = 0.95  # share of the prior standard deviation of a form from which on the data say nothing of it
+TOLD = 2.0  # standard errors from which a form is told from the plain one
 
 
 @dataclass(frozen=True)
@@ -215,9 +215,9 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
                 continue  # not told from one that is so large that it does nothing
             if (value := shape.value(at := float(fit.u[i]))) != shape.parameter.default:
                 at_end = at in (shape.bounded(at - 1.0), shape.bounded(at + 1.0))
-                if known and not at_end and sd[i] > BY_PRIOR:
-                    continue  # the data say nothing of it
                 se = None if at_end or not known else float(sd[i]) * shape.change(at)
+                if not shape.parameter.added and se and abs(value - shape.parameter.default) < TOLD * se:
+                    continue  # not told from the plain formula
                 # All of a share is a form of its own, and not the end of a search.
                 at_bound = at_end and (shape.parameter.low, shape.parameter.high) != (0.0, 1.0)
                 found[name] = {"value": value, "se": se, "at_bound": at_bound}
