@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fit import Fit, inverse, real_product
+from sim2real.search.fit import Fit, inverse
+from sim2real.search.following import following
 from sim2real.words import percent
 
 GAIN = "actuator_gain"
@@ -51,15 +52,13 @@ def gain_between(fitted: Problem, fit: Fit) -> GainBetween | None:
         return None
     sigma, row = h.sigma(GAIN), fit.jacobian[len(h.coordinates) + h.calibrated.index(GAIN)]
     own = np.array([row * (fitted.record == k) for k in range(1, len(fitted.parts))])
-    rows = np.concatenate([fit.jacobian, own])
-    prior = np.concatenate([fit.prior, np.zeros(len(own))])
-    covariance = inverse(real_product(rows, rows) + np.diag(prior))
-    gradient = real_product(rows, fit.residual[None])[:, 0] - prior * np.concatenate([fit.u, np.zeros(len(own))])
-    moved = covariance @ gradient
-    saved = float(gradient @ moved)
+    beside = following(fit)
+    normal, along = beside.along(own)
+    covariance = inverse(normal)
+    change = covariance @ along
+    saved = beside.promised + float(along @ change)
     misfit = max((fit.cost - saved) / (2 * fit.residual.size), 1.0)
-    se = np.sqrt(misfit * np.diag(covariance)[-len(own) :])
-    change = moved[-len(own) :]
+    se = np.sqrt(misfit * np.diag(covariance))
     if saved < CLOSES * fit.excess or not (np.abs(change) > CLEAR * se).any():
         return None
     names = [p.record.name for p in fitted.parts[1:]]

@@ -22,7 +22,7 @@ from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.under_noise import ripple_is_noise
-from sim2real.search.fit import Fit
+from sim2real.search.fit import LEFT_SD, Fit
 from sim2real.search.following import following
 
 
@@ -54,7 +54,6 @@ FAR = 100.0
 SHOWN, SURELY = 0.05, 6.0  # share of what the effect saves, and cost, that its limit must save at least
 # Cost, in units of the reduced chi-square, that the limit of a fit which leaves noise alone must save.
 BEYOND_NOISE = 20.0
-LEFT_SD = 3.0  # standard deviations of the noise's power up to which a fit leaves noise alone
 
 
 def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:

@@ -16,7 +16,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.across_ticks import across_ticks
 from sim2real.search.again import again
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate
-from sim2real.search.fit import Fit
+from sim2real.search.fit import Fit, above_noise
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import Hypothesis, single_effects, usual_tolerances
 from sim2real.search.pairs import alone_again, fit_pairs
@@ -26,7 +26,7 @@ from sim2real.search.sought_again import sought_again
 
 SHAPED, SHAPED_PAIRS = 5, 5  # best single effects and pairs that are tried in other forms
 BLURRED, BLURRED_SHARE = 4, 0.5  # best fits that are repeated with sensor noise, and share of the gap they may leave
-BLURRED_TIE, LEFT_SD = 0.05, 3.0  # that share where the best leaves no more than so many standard deviations of noise
+BLURRED_TIE = 0.05  # that share where the best leaves no more than noise
 CLOSE, CLOSE_SHARE = 500.0, 0.5  # cost above the best within which the standard errors of a fit are computed
 
 Progress = Callable[[str], None]
@@ -141,8 +141,8 @@ def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     A pair whose other effect alone does as well needs nothing that noise may smooth. Where a fit leaves no more than
     noise, only what leaves little can do as well as that.
     """
-    least, count = min(f.cost for f in fits), 2.0 * problem.data.size
-    share = BLURRED_SHARE if least > count + LEFT_SD * np.sqrt(2 * count) else BLURRED_TIE
+    least = min(f.cost for f in fits)
+    share = BLURRED_SHARE if above_noise(least, problem.data.size) else BLURRED_TIE
     enough = least + share * (fits[0].cost - least)
     alone = {frozenset(f.hypothesis.effects): f.cost for f in fits}
 

@@ -10,6 +10,7 @@ from sim2real.search.hypotheses import Hypothesis
 EDGE = 1e-6  # distance, in coordinates, within which a bound counts as reached
 # Cost of a further parameter of an effect: what noise lets it save of further records, and the judge's.
 PARAMETER = 6.0
+LEFT_SD = 3.0  # standard deviations of the noise's power up to which a cost leaves noise alone
 NOT_TOLD = 1e6  # coordinates: standard error of one that nothing tells
 # Share of the largest eigenvalue below which a combination of coordinates is not told, and least share of such a
 # combination that one of them must have not to be told either.
@@ -140,6 +141,12 @@ def real_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Re(a b^H) of complex rows (..., K): as real numbers it takes a quarter of the time."""
     rows, columns = (np.ascontiguousarray(v, complex).view(float) for v in (a, b))
     return rows @ columns.T
+
+
+def above_noise(cost: float, residuals: int) -> bool:
+    """Whether a cost of so many complex residuals is clearly more than their noise alone makes it."""
+    count = 2.0 * residuals
+    return cost > count + LEFT_SD * float(np.sqrt(2 * count))
 
 
 def cost_of(residual: np.ndarray, u: np.ndarray, prior: np.ndarray) -> float:

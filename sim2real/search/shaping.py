@@ -47,9 +47,9 @@ def shaped(problem: Problem, unexplained: float, fits: Sequence[Fit], most: int)
     differentiate([new for _, new in standing], problem.data, problem.simulate, True)
     pairs = []
     for f in tried:
-        own = [new for fit, new in standing if fit is f]
-        new = min(own, key=hoped, default=None)
-        if new is not None and hoped(new) < f.cost - LEAST:
+        own = [(hoped(new), new) for fit, new in standing if fit is f]
+        promise, new = min(own, key=lambda each: each[0], default=(np.inf, None))
+        if new is not None and promise < f.cost - LEAST:
             pairs.append((f, new))
     iterate([new for _, new in pairs], problem.data, problem.simulate, STEPS)
     better = {id(f): new for f, new in pairs if new.cost + new.occam < f.cost + f.occam}
@@ -65,23 +65,23 @@ def of_any_form(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """
     freed = [_with_forms(f) for f in fits]
     jobs = [(f, h) for f, h in zip(fits, freed, strict=True) if h != f.hypothesis and f.jacobian is not None]
-    hypotheses = [h for _, h in jobs]
-    begun = begin(hypotheses, [_extended(f, h.calibrated) for f, h in jobs], problem.data, problem.simulate)
-    iterate([new for new in begun if np.isfinite(new.cost)], problem.data, problem.simulate, FEW)
-    moved = [new for new in begun if np.isfinite(new.cost) and not new.fresh]
-    differentiate(moved, problem.data, problem.simulate, True)
+    coordinates = [_extended(f, h.calibrated) for f, h in jobs]
+    begun = begin([h for _, h in jobs], coordinates, problem.data, problem.simulate)
+    standing = [new for new in begun if np.isfinite(new.cost)]
+    iterate(standing, problem.data, problem.simulate, FEW)
+    differentiate([new for new in standing if not new.fresh], problem.data, problem.simulate, True)
     better = {id(f): new for (f, _), new in zip(jobs, begun, strict=True) if new.cost <= f.cost}
     return [better.get(id(f), f) for f in fits]
 
 
 def _with_forms(fit: Fit) -> Hypothesis:
     """The hypothesis of a fit with all forms free but for what those that it has not add."""
-    h, given = fit.hypothesis, {}
-    for name in free_forms(fit):
+    h, free, given = fit.hypothesis, free_forms(fit), {}
+    for name in free:
         added = {s.key: s.parameter.default for s in shapes_of(name, h.scales) if s.parameter.added}
         if added and name not in h.shaped:
             given[name] = added
-    return replace(h, shaped=free_forms(fit), given={**h.given, **given})
+    return replace(h, shaped=free, given={**h.given, **given})
 
 
 def free_forms(fit: Fit) -> tuple[str, ...]:

@@ -9,12 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim2real.compared.problem import Problem
-from sim2real.search.fit import Fit
+from sim2real.search.fit import Fit, above_noise
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.shaping import STEPS, hoped, places_of_added
 
 FOLLOWED = 2  # places that are followed to their minimum
-LEFT_SD = 3.0  # standard deviations of noise that the best fit must leave beyond it
 FURTHER = ("further_ratio", "further_frequency", "further_damping")
 # Size of the first mode of an effect, and whether that of the further one is a multiple of it.
 SIZES = {"support_resonance": ("mass_ratio", False), "sensor_resonance": ("coupling", True)}
@@ -27,9 +26,8 @@ def sought_again(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
         problem: The problem.
         fits: Fits of hypotheses, in all forms.
     """
-    count = 2.0 * problem.data.size
     best = min(fits, key=lambda f: f.cost, default=None)
-    if best is None or not count + LEFT_SD * np.sqrt(2 * count) < best.cost < np.inf:
+    if best is None or not np.isfinite(best.cost) or not above_noise(best.cost, problem.data.size):
         return list(fits)
     without = [u for name in SIZES for u in _without_further(best, name)]
     h = best.hypothesis
