@@ -19,13 +19,13 @@ from sim2real.compared.simulated import SETTLED, experiment_near
 from sim2real.compared.whole_gain import GAIN, times_gain, with_more_gain
 from sim2real.recorded.drifting import DRIFTING, middle
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.opened import noise_about_trends
 from sim2real.recorded.records import Record
 from sim2real.recorded.wander import LEAST
 
 DRIFT = "drift"
 STEP = 0.01  # relative change of the gain for its derivative
 FALSE_ALARM = 1e-4
-NEIGHBOURS = 15  # lines over which the noise beside the trend is pooled
 CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain explains to count as something else
 OTHER = 0.3  # share of the trends that the gain's direction may leave, for its form and its derivative
 ROUNDS = 3  # of weighing the recordings
@@ -161,11 +161,6 @@ def trends(record: Record, part: Part, first: int = 0) -> tuple[np.ndarray, np.n
     """Slopes (outputs, axes, n) of the residuals over the periods from one on, and the variance of their noise,
     E|n|^2."""
     periods = part.opened.residuals(record.periods["displacement"], record.periods.get("current"))[first:]
-    slopes, rest = straightened(periods)
-    count = len(periods)
-    at = from_middle(count)
-    own = (abs(rest) ** 2).sum(axis=0) / (count - 2)
-    kernel, inside = np.ones(2 * NEIGHBOURS + 1), slice(NEIGHBOURS, -NEIGHBOURS)  # also of fewer lines than that
-    lines = np.convolve(np.ones(own.shape[-1]), kernel)[inside]
-    pooled = np.apply_along_axis(lambda v: np.convolve(v, kernel)[inside] / lines, -1, own)
-    return slopes, np.maximum(pooled, own / 4) / (at @ at)
+    slopes, _ = straightened(periods)
+    at = from_middle(len(periods))
+    return slopes, noise_about_trends(record, part.opened, first) / (at @ at)

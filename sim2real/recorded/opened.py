@@ -135,22 +135,33 @@ def noise_of(record: Record, opened: Opened) -> np.ndarray:
     the record. A line with extra noise, as from a tone, keeps its own variance. Added are the resolution of the
     converters where no noise dithers it, and the uncertainty of a measured exciting force.
     """
-    own, shapes = _spread(record, opened)
     resolution = _resolution(record, opened)
-    variance = np.empty_like(own)
+    variance = _smooth(record, opened)
     for j, name in enumerate(opened.outputs):
-        for axis in range(record.axes):
-            shape = np.array([s[axis] for s in shapes[name]])
-            pooled, _ = _pooled(own[j, axis], shape, record.count - 1)
-            dithered = pooled > resolution[name][axis]
-            pooled = pooled / record.count + np.where(dithered, 0.0, resolution[name][axis])
-            variance[j, axis] = pooled
+        dithered = variance[j] > resolution[name]
+        variance[j] = variance[j] / record.count + np.where(dithered, 0.0, resolution[name])
     if "force" in record.periods:
         known = record.periods["force"].var(axis=0, ddof=1) / record.count
         smooth = np.array([_pooled(v, np.ones((1, v.size)), record.count - 1)[0] for v in known])
         on = record.driven["force"]
         variance[opened.outputs.index("plant")] += np.where(on, smooth * abs(opened.receptance) ** 2, 0.0)
     return np.sqrt(variance)
+
+
+def noise_about_trends(record: Record, opened: Opened, first: int = 0) -> np.ndarray:
+    """Variance (outputs, axes, n) of one period's residuals about a straight line over the periods from `first`, pooled
+    as in `noise_of`."""
+    return _smooth(record, opened, first, drifting=True)
+
+
+def _smooth(record: Record, opened: Opened, first: int = 0, drifting: bool = False) -> np.ndarray:
+    """Variance (outputs, axes, n) of one period's residuals, as of `_spread`, pooled over lines by its shape."""
+    own, shapes = _spread(record, opened, first, drifting)
+    freedom = record.count - first - 1 - drifting
+    found = np.empty_like(own)
+    for (j, name), axis in product(enumerate(opened.outputs), range(record.axes)):
+        found[j, axis], _ = _pooled(own[j, axis], np.array([s[axis] for s in shapes[name]]), freedom)
+    return found
 
 
 def _spread(

@@ -21,6 +21,7 @@ from sim2real.diagnosis import diagnose
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
 from sim2real.report import sentence
+from sim2real.search import attribute
 
 
 def recorded(tmp_path, effects, drives=(("multisine", 0.01, "current"), ("steps", 0.05, "reference")), noisy=1.0):
@@ -97,8 +98,9 @@ def test_what_is_louder_than_stated_is_said_where_nothing_repeats(tmp_path, time
 
 
 @pytest.mark.slow
-def test_noise_far_beyond_what_is_stated_is_a_gap_where_nothing_repeats(tmp_path):
+def test_noise_far_beyond_what_is_stated_is_a_gap_where_nothing_repeats(tmp_path, monkeypatch):
     """Its size is the only witness of an effect that scatters."""
+    monkeypatch.setattr(attribute, "single_effects", lambda rig: ("delay", "mass", "friction", "soft_stop", "pickup"))
     times = 4.0
     found = diagnose(write_bench(tmp_path, Bench(noise=times * 5e-7), {"noise": "fit", "steps": "holdout"}, 1.0, 0))
     assert found.verdict == "unexplained"

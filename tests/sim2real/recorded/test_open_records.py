@@ -29,7 +29,7 @@ from sim2real.search.hypotheses import Hypothesis
 
 @pytest.fixture
 def campaign(tmp_path):
-    def made(bench, kinds, seconds=2.0, seed=0):
+    def made(bench, kinds, seconds=1.0, seed=0):
         return write_campaign(tmp_path, bench, kinds, seconds, seed)
 
     return made
@@ -57,7 +57,7 @@ def test_the_true_loop_leaves_white_noise_of_the_variance_that_is_told(campaign,
 
 
 def test_noise_stays_noise_where_the_stated_gains_are_off_in_their_last_digits(campaign):
-    _, (record,) = read_records(campaign(Bench(), {"sine": "fit"}))
+    _, (record,) = read_records(campaign(Bench(), {"sine": "fit"}, seconds=2.0))
     told = assemble([record]).parts[0].noise[0, 0]
     # Beside the sine, what is left of the command is then a share of the reading, noise and all: it explains all of it.
     reading = record.series["displacement"]
@@ -201,7 +201,7 @@ def test_the_current_alone_tells_the_rig_whatever_the_controller(campaign, kind)
 
 
 def test_errors_of_channels_enter_the_interval_and_are_the_same_in_all_recordings(campaign):
-    folder = campaign(Bench(), {"noise": "fit"})
+    folder = campaign(Bench(), {"noise": "fit"}, seconds=2.0)
     _edit(folder, 'current = { from = "current" }', "")
     (plain,) = read_records(folder)[1]
     _edit(folder, 'command = { from = "command" }', 'command = { from = "command", scale_tolerance = 0.01 }')
