@@ -223,6 +223,24 @@ def test_trends_of_noise_scatter_as_they_are_said_to(tmp_path, monkeypatch):
     assert rate.std() / 2**0.5 == pytest.approx(error[0], rel=0.12)
 
 
+def test_noise_at_a_narrow_resonance_of_the_plant_is_no_trend(tmp_path):
+    """What the noise of the current does there stands ten times above that at the lines beside it."""
+    (part,), rng = problem(tmp_path, seeds=(0,)).parts, np.random.default_rng(4)
+    record, line = part.record, part.record.frequency.size // 2
+    plant = np.full_like(part.opened.plant, abs(part.opened.plant[..., line]).max())
+    plant[..., line] *= 10
+    narrow = replace(part, opened=replace(part.opened, plant=plant, outputs=("plant",)))
+    shape, weights = record.periods["displacement"].shape, []
+    for _ in range(200):
+        noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+        periods = {"displacement": plant * noise / (1 + plant * part.opened.controller)}
+        slopes, variance = drift_module.trends(replace(record, periods=periods), narrow)
+        weights.append(2 * abs(slopes[0, 0]) ** 2 / variance[0, 0])
+    mean = np.mean(weights, axis=0)  # of chi-squares with two degrees of freedom
+    assert np.delete(mean, line).mean() == pytest.approx(2.0, rel=0.1)
+    assert mean[line] < 5.0  # by the variance of that line alone, which few periods tell, it would be 3 or 4
+
+
 def test_the_derivative_by_the_gain_is_that_at_a_gain_within_its_tolerance(tmp_path):
     """Against differences of the tolerance's own move, to which a drift by the same share adds."""
     (part,) = problem(tmp_path, seeds=(0,)).parts
