@@ -2,7 +2,7 @@
 
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
-resonance, a stop that touches wherever the rotor is, iron that saturates far above every field, a zero of the
+resonance, two modes of which one takes back what the other does, a stop that touches wherever the rotor is, iron that saturates far above every field, a zero of the
 current that is off by all of the bias, or a lag that is a delay.
 """
 
@@ -34,8 +34,8 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
         current: Largest control current in any recording, A.
     """
     point = fit.hypothesis.point(fit.u)
-    ratios = [point.effects[name]["damping_ratio"] for name in fit.hypothesis.effects if name in RESONANCES]
-    if max(ratios, default=0.0) >= NO_RESONANCE:
+    modes = [point.effects[name] for name in fit.hypothesis.effects if name in RESONANCES]
+    if any(mode["damping_ratio"] >= NO_RESONANCE or _cancels(mode) for mode in modes):
         return np.inf
     least = NEARLY * EFFECTS[STOP].parameters["distance"].of_motion * motion
     if STOP in fit.hypothesis.effects and point.effects[STOP]["distance"] < least:
@@ -48,6 +48,15 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
     if KNEE in point.effects and _never_bends(rig, point.effects[KNEE], motion, current):
         return np.inf
     return _driving_cost(fit, rig)
+
+
+def _cancels(mode: Mapping[str, float]) -> bool:
+    """Whether a further mode has the opposite sign of the first one and lies within its width: the difference of two
+    such modes is slow and does not ring, as creep."""
+    if mode.get("further_ratio", 0.0) >= 0:
+        return False
+    times = mode["further_frequency"]
+    return abs(times - 1) < mode["damping_ratio"] + times * mode["further_damping"]
 
 
 def _is_delay(rig: Rig, point: Point, causes: Collection[str]) -> bool:

@@ -1,12 +1,15 @@
 """What an effect costs at parameters that contradict its name."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
+from sim2real.compared.point import Point
 from sim2real.judgement.outside_meaning import NO_RESONANCE, meaningless_cost
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import FORM_SHARE, Hypothesis, coordinates_of
@@ -47,6 +50,19 @@ def test_a_mode_without_a_resonance_is_none(name):
         u[at] = np.log(ratio)
         (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
         assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
+
+
+@pytest.mark.parametrize(
+    ("ratio", "times", "cost"), [(-1.8, 0.95, np.inf), (1.8, 0.95, 0.0), (-1.8, 2.0, 0.0), (-0.5, 1.3, np.inf)]
+)
+def test_two_modes_that_take_each_other_back_are_none(ratio, times, cost):
+    """As they were found of a cable that creeps; a further mode of the same sign, or far from the first, is one."""
+    own = {"damping_ratio": 0.15, "coupling": -0.05}
+    further = {"further_ratio": ratio, "further_frequency": times, "further_damping": 0.2}
+    mode = effect("sensor_resonance", 20.0)["sensor_resonance"] | own | further
+    hypothesis = SimpleNamespace(point=lambda u: Point({"sensor_resonance": mode}, {}), effects=("sensor_resonance",))
+    hypothesis.coordinates = ()
+    assert meaningless_cost(SimpleNamespace(hypothesis=hypothesis, u=np.zeros(0)), RIG, 1e-4, 1.0) == cost
 
 
 @pytest.mark.parametrize("distance, cost", [(1e-9, np.inf), (1e-6, np.inf), (5e-6, 0.0)])
