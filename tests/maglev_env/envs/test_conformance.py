@@ -123,7 +123,7 @@ def test_no_element_of_the_observation_is_constant_and_starts_are_random(task):
 @pytest.mark.slow
 def test_thousands_of_random_steps_stay_in_the_space(task):
     name, arguments = task
-    envs, total = {"maglev/HMBFree-v0": (250, 2_000), PUMP: (20, 80)}.get(name, (100, 600))
+    envs, total = {"maglev/HMBFree-v0": (250, 2_000), PUMP: (20, 80)}.get(name, (100, 300))
     env = gym.make_vec(name, num_envs=envs, **arguments, **(wild(task) | {"budget": 3}))
     observations = [env.reset(seed=1)[0]]
     env.action_space.seed(1)
