@@ -2,8 +2,8 @@
 
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
-resonance, two modes of which one takes back what the other does, a stop that touches wherever the rotor is, iron that saturates far above every field, a zero of the
-current that is off by all of the bias, or a lag that is a delay.
+resonance, two modes of which one takes back what the other does, a stop that touches wherever the rotor is, iron that
+saturates far above every field, a zero of the current that is off by all of the bias, or a lag that is a delay.
 """
 
 from collections.abc import Collection, Mapping
