@@ -9,14 +9,18 @@ import numpy as np
 from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
 from maglev_env.rig.drawn import scaled_rig
-from maglev_env.rig.rig import Rig
+from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 
 # A tolerance of one of these parameters is a small effect of the given name.
 TOLERANCE_EFFECTS = {card.nominal: name for name, card in EFFECTS.items() if card.nominal}
-# What is another one along either axis, and what the name of its difference ends in. A tolerance is stated of both.
-OF_EACH_AXIS, APART = ("actuator_gain", "negative_stiffness", "probe_gain"), " of y beyond that of x"
+# What is another one along either axis, magnets, amplifiers, probes and springs, and what the name of its difference
+# ends in. A tolerance is stated of both.
+OF_EACH_AXIS, APART = (
+    "actuator_gain", "negative_stiffness", "probe_gain", "amplifier_time_constant", "sensor_time_constant",
+    "support_stiffness", "support_damping",
+), " of y beyond that of x"  # fmt: skip
 RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 # Sensor noise smooths hard nonlinearities (dithering). Limits are always smoothed; hysteresis and friction are smoothed
@@ -58,20 +62,32 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
     """
     made = {} if made is None else made
     effects = {name: dict(values) for name, values in point.effects.items()}
-    factors, apart = {}, {}
+    factors, apart, along_y = {}, {}, {}
     for name, change in point.changes.items():
         known = TOLERANCE_EFFECTS.get(name)
         if name.endswith(APART):
-            apart[TOLERANCE_EFFECTS[name.removesuffix(APART)]] = change
+            own = name.removesuffix(APART)
+            if own in TOLERANCE_EFFECTS:
+                apart[TOLERANCE_EFFECTS[own]] = change
+            else:
+                along_y[own] = 1 + change
         elif known is None:
             factors[name] = 1 + change
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
             effects[known] = {**e.rig.effects.get(known, {}), "change": own + change + own * change}
-    key = tuple(factors.items())
+    key = tuple(factors.items()), tuple(along_y.items())
     if key not in made:
-        made[key] = scaled_rig(e.rig, factors) if factors else e.rig
+        made[key] = _unlike(scaled_rig(e.rig, factors) if factors else e.rig, along_y)
     return replace(e, rig=made[key], effects=effects, apart=apart)
+
+
+def _unlike(rig: Rig, along_y: Mapping[str, float]) -> Rig:
+    """The rig of two axes with parameters multiplied by factors along y alone."""
+    if not along_y:
+        return rig
+    own = {name: getattr(axis_rig(rig, 1), name) * factor for name, factor in along_y.items()}
+    return replace(rig, per_axis={**rig.per_axis, "y": {**rig.per_axis.get("y", {}), **own}})
 
 
 def tolerances(rig: Rig) -> dict[str, float]:
@@ -85,7 +101,7 @@ def tolerances(rig: Rig) -> dict[str, float]:
 
 
 def apart_tolerances(rig: Rig) -> dict[str, float]:
-    """Relative 1-sigma differences between the axes of what each of two axes has of its own: magnets and probes."""
+    """Relative 1-sigma differences between the axes of what each of two axes has of its own."""
     if rig.axes == 1:
         return {}
     return {name + APART: sigma for name, sigma in tolerances(rig).items() if name in OF_EACH_AXIS}

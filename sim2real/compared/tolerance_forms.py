@@ -6,7 +6,9 @@ off more or less steeply with the gap, and then the actuator gain varies otherwi
 magnets these differ by the square of the motion (7e-4 of the gain for 5 % of the gap and 3 % of stiffness, which long
 records tell). Below a single magnet they make harmonics that stand far above the noise. So what one form has and the
 other has not is a nuisance of one standard deviation of the tolerance. It is looked at near the best known parameters:
-a loop whose gain is 5 % less answers to it otherwise, by more than the noise of a long recording.
+a loop whose gain is 5 % less answers to it otherwise, by more than the noise of a long recording. Where a pair of
+magnets moves the rotor over a third of the gap, the nuisance is so large that its own curvature shows: there the two
+quantities behind both forms, the bias current and the gap, are fitted as tolerances are.
 
 An amplifier's lag has no stated form either. Its time constant says by how much the current comes later; that it does
 so through a single pole is the model's. A current loop has two or three. Without this nuisance, an effect beside such a
@@ -22,15 +24,17 @@ from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
-from maglev_env.rig.rig import axis_rig
+from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.compared.point import NOMINAL, Point, experiment_at
 from sim2real.compared.simulated import Predictor
 from sim2real.compared.whole_gain import GAIN, STIFFNESS, both_forms
+from sim2real.recorded.nuisances import Nuisances
 
 LAG = "amplifier_time_constant"
 # Standard deviations by which a gain or stiffness is off in either form, for what that does: as far as it often is. By
 # a tenth nothing is seen of the curvature that a ball shows, and by a whole one a loop is another one.
 LITTLE = 0.3
+SHOWN = 10.0  # standard deviations of the noise by which one of a form's changes the recordings for it to bend
 SECOND_POLE = 0.2  # share of a stated lag that is a second pole: one standard deviation of its form
 
 
@@ -75,6 +79,26 @@ def tolerance_forms(
         bent = {"exponent": exponent + more * stiffness / steeper, "offset": offset}
         found[STIFFNESS] = scaled, replace(near, effects={**near.effects, "force_law": bent}), more / sigma
     return found
+
+
+def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
+    """Relative standard deviations of what gain and stiffness of a pair of magnets are made of, where it shows.
+
+    Another bias current at the same gain and stiffness is another form of both, another gap one of the stiffness.
+
+    Args:
+        nuisances: Of the campaign, with the forms.
+        rig: The nominal rig.
+    """
+    gain, stiffness = (rig.tolerance.get(name, 0.0) for name in (GAIN, STIFFNESS))
+    forms = [n for n in nuisances.names if n in (f"form of {GAIN}", f"form of {STIFFNESS}")]
+    columns = nuisances.columns[[nuisances.names.index(n) for n in forms]]
+    if "pair" not in rig.capabilities or np.linalg.norm(columns, axis=1).max(initial=0.0) < SHOWN:
+        return {}
+    # Stiffness over gain is bias current over gap. At a stated gain the pull goes with the bias current squared.
+    either = float(np.hypot(gain, stiffness))
+    own = {"bias_current": either / 2, "gap": either}
+    return {n: sd for n, sd in own.items() if sd and getattr(rig, n) and n not in rig.tolerance}
 
 
 def form_nuisances(

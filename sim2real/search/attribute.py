@@ -10,6 +10,7 @@ from sim2real.compared.drift import drift_of
 from sim2real.compared.point import DITHERED, MAY_BE_DITHERED, NOMINAL, apart_tolerances, tolerances, unseen_by_all
 from sim2real.compared.problem import Problem
 from sim2real.compared.reached import motion_reached
+from sim2real.compared.tolerance_forms import form_tolerances
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord
@@ -60,12 +61,15 @@ def attribute(
     seen = {LOST: lost} if lost is not None else {}
     scales = replace(rig.scales, motion=motion_reached(problem))
     both = Hypothesis((), tolerances(rig), scales=scales, usual=usual_tolerances(rig), own=rig.effects, seen=seen)
-    unlike = replace(both, tolerances=both.tolerances | apart_tolerances(rig))
     if earlier is not None:
-        both = unlike = replace(both, tolerances=earlier.calibration.fit.hypothesis.tolerances)
+        both = replace(both, tolerances=earlier.calibration.fit.hypothesis.tolerances)
     untouched, *calibration = _calibrated(problem, both)
-    if unlike != both and (found := _calibrated(problem, unlike))[-1].cost < calibration[0].cost - NO_GAP:
-        untouched, *calibration = found  # the axes differ: a fit that knows takes twice as long
+    # What is tried only where it tells something: each further tolerance takes time in every fit.
+    for further in (apart_tolerances(rig), form_tolerances(problem.nuisances, rig)):
+        base = calibration[0].hypothesis
+        wider = replace(base, tolerances=base.tolerances | further)
+        if wider != base and (found := _calibrated(problem, wider))[-1].cost < calibration[0].cost - NO_GAP:
+            untouched, *calibration = found
     nominal = untouched.cost
     pairs: list[Fit] = []
     if earlier is None:
