@@ -6,14 +6,25 @@ import numpy as np
 import pytest
 from campaigns import planned, repeated
 
+from maglev_env.experiment import Experiment
+from maglev_env.rig.rig import axis_rig
 from maglev_env.rig.rig_file import load_rig
 from maglev_env.rig.rig_toml import rig_toml
-from sim2real.compared.point import APART, TOLERANCE_EFFECTS, apart_tolerances, tolerances
+from sim2real.compared.point import APART, TOLERANCE_EFFECTS, Point, apart_tolerances, experiment_at, tolerances
 from sim2real.compared.problem import assemble
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
 
 OFF = {"actuator_gain": 0.05, "negative_stiffness": -0.06, "sensor_gain": 0.01}
+
+
+def test_a_lag_of_one_axis_is_that_of_y_alone():
+    rig = replace(load_rig("hmb_radial"), tolerance={"amplifier_time_constant": 0.1, "mass": 0.01})
+    (name,) = apart_tolerances(rig)
+    e = experiment_at(Experiment(rig, rig.gains, ()), Point({}, {"amplifier_time_constant": 0.05, name: 0.2}))
+    x, y = (axis_rig(e.rig, axis).amplifier_time_constant / rig.amplifier_time_constant for axis in (0, 1))
+    assert (x, y) == (pytest.approx(1.05), pytest.approx(1.05 * 1.2))
+    assert experiment_at(Experiment(rig, rig.gains, ()), Point({}, {})).rig is rig
 
 
 def test_one_axis_has_no_other():
