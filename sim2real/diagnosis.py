@@ -25,6 +25,7 @@ from sim2real.gap.between_recordings import gain_between
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
+from sim2real.gap.wrong_scale import wrong_scale
 from sim2real.judgement.belief import shipped
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
@@ -129,6 +130,12 @@ def diagnose(
         probable = named.effects[0].candidate if named.effects else None
         partial = best_partial(attribution, probable, unnamed_pair(attribution))
         left = leftover(attribution, judged, partial, fitted_parameters(partial), seed)
+    scale = None
+    if named.verdict != "no_gap" and np.isfinite(attribution.calibration.fit.cost):
+        # The candidate with the least cost stands for an unknown cause: what explains as much has a name.
+        in_rig = picked or min(attribution.candidates, key=lambda c: c.predictive)
+        if scale := wrong_scale(attribution.problem, attribution.calibration.fit, in_rig.fit):
+            notes.append(scale.in_words())
     alone, free = picked or attribution.calibration, None
     if left is not None or (picked is not None and _leaves_much(picked, attribution)):
         progress("free correction")
@@ -174,6 +181,7 @@ def diagnose(
         rareness=rare,
         evidence=weighed.evidence,
         late=late,
+        scale=scale,
         gap_of_named=gap_of_named,
         off_balance=next((r.off_balance for r in records if isinstance(r, OpenRecord) and r.off_balance), None),
     )

@@ -106,20 +106,22 @@ def sentence(diagnosis: Diagnosis) -> str:
         return (
             f"{none} (unknown: {percent(unknown)}); best partial "
             f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
-            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
+            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}{_loud(diagnosis)}"
+            f"{_misread(diagnosis)}."
         )
     if diagnosis.verdict == "unexplained":
         return (
             f"{none} (unknown: {percent(unknown)}); most of it lies in {_blocks(_largest(diagnosis.where.blocks))}"
-            f"{_highest_band(diagnosis.where)}{_refitted(diagnosis)}{_loud(diagnosis)}."
+            f"{_highest_band(diagnosis.where)}{_refitted(diagnosis)}{_loud(diagnosis)}{_misread(diagnosis)}."
         )
     if diagnosis.verdict == "ambiguous":
         rows = [e for e in named(diagnosis) if "+".join(e.effects) in diagnosis.cause]
         one_of = _or([f"{_and(e.effects)} ({percent(e.probability)})" for e in rows])
         blocks = _or([*dict.fromkeys(_blocks(block_of(name)) for name in diagnosis.cause)])
         return (
-            f"The gap is explained by {one_of}, in {blocks}; this campaign cannot tell them apart{_besides(diagnosis)}."
-        )  # fmt: skip
+            f"The gap is explained by {one_of}, in {blocks}; this campaign cannot tell them apart{_besides(diagnosis)}"
+            f"{_misread(diagnosis)}."
+        )
     top = named(diagnosis)[0]
     moved = {n for n, v in diagnosis.corrected.effects.items() if any(v.values())}  # a lag may sit in a stated pole
     shown = [c for c in corrections(diagnosis) if "." in c.name and c.name.partition(".")[0] in moved]
@@ -129,7 +131,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     closes = _closes(diagnosis.closing, only_tones(diagnosis))
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}{beside}), in "
-        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{closes}{_besides(diagnosis)}."
+        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{closes}{_besides(diagnosis)}"
+        f"{_misread(diagnosis)}."
     )
 
 
@@ -169,6 +172,11 @@ def _loud(diagnosis: Diagnosis) -> str:
         return ""
     times = f"{max(diagnosis.loud.values()):.2g} times as loud as the noise that the rig states"
     return f"; but what passes for noise is {times}, and no recording repeats to tell"
+
+
+def _misread(diagnosis: Diagnosis) -> str:
+    """A channel whose scale would explain as much, as the end of a sentence."""
+    return "" if diagnosis.scale is None else f"; but {diagnosis.scale.briefly}"
 
 
 def tempered(diagnosis: Diagnosis) -> str:

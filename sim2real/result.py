@@ -21,6 +21,7 @@ from sim2real.free.correction import Free
 from sim2real.gap.leftover import Leftover
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, errors
+from sim2real.gap.wrong_scale import WrongScale
 from sim2real.judgement.belief import LEVEL
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
@@ -71,6 +72,7 @@ class Diagnosis:
             the verdict is "unexplained".
         evidence: What the probabilities were computed from.
         late: The clear time between displacement and drive that this has taken up; None without one.
+        scale: The scale of a recorded channel that would explain as much; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
         loud: Recording -> how many times as loud as the rig states is what the best explanation leaves, where that is
@@ -101,6 +103,7 @@ class Diagnosis:
     rareness: tuple[float, int] | None = None
     evidence: Evidence | None = None
     late: Late | None = None
+    scale: WrongScale | None = None
     gap_of_named: Gap | None = None
     off_balance: str | None = None
     loud: Mapping[str, float] = field(default_factory=dict)
@@ -181,6 +184,7 @@ class Diagnosis:
             "tempering": self.tempering,
             "unseen": list(self.unseen),
             "off_balance": self.off_balance,
+            "wrong_scale": None if self.scale is None else asdict(self.scale),
             "notes": list(self.notes),
             "left_out": left_out_data(self.campaign.left_out),
             "seconds": self.seconds,
