@@ -8,7 +8,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.free.places import NAMES as FREE
 from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
-from sim2real.gap.locate import Where
+from sim2real.gap.locate import ALL_DRIVEN, Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.verdict import CLASS_SHARE, with_effects
@@ -285,7 +285,7 @@ def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
     return (
         "blocks: " + _shares({name.replace("+", " + "): share for name, share in where.blocks.items()}),
         "bands: " + _shares({f"{lo:.3g} .. {hi:.3g} Hz": share for lo, hi, share in bands}),
-        "kind: " + _shares(where.kind),
+        "kind: " + (_shares(where.kind) if where.between else ALL_DRIVEN),
     )
 
 

@@ -152,6 +152,7 @@ class Diagnosis:
                 "blocks": dict(w.blocks),
                 "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in w.bands],
                 "kind": dict(w.kind),
+                "kind_told": w.between,
                 "controller_distance": w.controller,
             },
             "which": which,

@@ -83,6 +83,7 @@ class Leftover:
             "blocks": dict(w.blocks),
             "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in w.bands],
             "kind": dict(w.kind),
+            "kind_told": w.between,
             "channels": dict(self.channels),
             "recordings": [
                 {

@@ -6,6 +6,7 @@ from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
 from sim2real.gap.fit_figures import Figures
 from sim2real.gap.leftover import Leftover, Share
+from sim2real.gap.locate import ALL_DRIVEN
 from sim2real.words import Fitted, fitted_quantity, percent, quantity, spoken
 
 SHOWN, LEAST = 3, 0.05  # shares that are listed, and the least of them
@@ -71,8 +72,9 @@ def leftover_lines(left: Leftover) -> list[str]:
     lines = [f"Best partial explanation: {partial_in_words(left)}{moved_in_words(left)}. It {leaves(left)}{figures}."]
     blocks = {name.replace("+", " + "): share for name, share in left.where.blocks.items()}
     bands = {f"{lo:.3g} .. {hi:.3g} Hz": share for lo, hi, share in left.where.bands}
+    kind = _listed(left.where.kind) if left.where.between else ALL_DRIVEN
     lines.append(f"What is left by channel: {_listed(left.channels)}; by block: {_listed(blocks)}; "
-                 f"by band: {_listed(bands)}; by kind of line: {_listed(left.where.kind)}.")  # fmt: skip
+                 f"by band: {_listed(bands)}; by kind of line: {kind}.")  # fmt: skip
     own = [
         f"{r.name} ({quantity(r.motion, None, 'm')} rms) {percent(r.share)}" + (f", {_when(r)}" if r.share else "")
         for r in left.recordings

@@ -17,6 +17,8 @@ ACTUATOR, RECEPTANCE, PLANT = "actuator", "mechanics+sensor", "actuator+mechanic
 WHOLE = "controller+amplifier+actuator+mechanics+sensor"
 OCTAVE_THIRDS = 3
 SIGNIFICANT = 5.0  # standard deviations of a band's cost under noise alone
+FEW_BETWEEN = 0.05  # share of the lines below which those between the excited ones tell nothing of a distortion
+ALL_DRIVEN = "not told, as hardly a line between the excited ones is compared, where only distortion answers"
 CONTROLLER_SD = 6.0  # distance above which the recorded controller is not the one described
 
 
@@ -32,6 +34,8 @@ class Where:
         significant: Whether any of it exceeds the noise.
         controller: Distance of the recorded command from the described control law, in standard deviations of its
             resolution; None where no command was recorded, or where it does not follow from the recorded channels.
+        between: Whether enough lines between the excited ones are compared for the kind to be told: where all are
+            excited, what is not linear shows on these.
     """
 
     blocks: Mapping[str, float]
@@ -39,6 +43,7 @@ class Where:
     kind: Mapping[str, float]
     significant: bool
     controller: float | None
+    between: bool = True
 
 
 def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) -> Where:
@@ -79,6 +84,7 @@ def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) 
         _shares(kinds),
         significant,
         controller_distance(problem),
+        float(np.mean(~linear & ~rest)) >= FEW_BETWEEN,
     )
 
 

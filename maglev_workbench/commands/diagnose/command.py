@@ -57,13 +57,13 @@ def diagnose(
         found = diagnosis.diagnose(loaded, seed, advance)
     data = plain(found.to_json())
     made_by = {"version": version("maglev-workbench"), "answer": sentence(found), "warnings": warnings}
-    report = {"schema": data["schema"]} | made_by | data | {"mind": minded(found)}
+    report = {"schema": data["schema"]} | made_by | data | {"mind": minded(found, warnings)}
     files = {"rig ": folder / "corrected.toml", "data": folder / "diagnosis.json", "page": folder / "diagnosis.html"}
     write_corrected(found, files["rig "])
     write_json(files["data"], report)
-    write_page(files["page"], diagnose_page(found), [files["data"], files["rig "]])
+    write_page(files["page"], diagnose_page(found, warnings), [files["data"], files["rig "]])
     write_json(json_file, report)
-    for part in terminal(found):
+    for part in terminal(found, warnings):
         console.print(part)
     for kind, path in files.items():
         console.print(f"{kind}  {path}", soft_wrap=True)

@@ -1,16 +1,44 @@
-"""What is to be minded of the effects that a diagnosis names: what the rig leaves out, and what looks like them."""
+"""What is to be minded of a diagnosis: recordings that are not what is stated, what the rig leaves out, and what looks
+like the effects that it names."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from sim2real.report import causes_of, corrections
 from sim2real.result import Diagnosis
 from sim2real.search.hypotheses import REPLACED, added_lag
 
 KNEE = 0.005  # relative standard error of a stop's distance, below which it is a knee
+LATE, OR_EFFECT = "delay", "; or an effect"  # code of a warning, and what it says for those who have no diagnosis yet
 BENT = ("force_law", "cubic_spring", "soft_stop")  # forces that bend with the position
 
 
-def minded(diagnosis: Diagnosis) -> list[str]:
-    """Sentences on what is named: a lag that may have been left out, a force that a curved reading may look like."""
-    return [*unstated(diagnosis), *curved(diagnosis)]
+def minded(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]] = ()) -> list[str]:
+    """Sentences on a recording that contradicts its description, a lag that may have been left out, and a force that a
+    curved reading may look like.
+
+    Args:
+        diagnosis: the diagnosis.
+        warnings: of the command's JSON, on its recordings.
+    """
+    return [*_not_as_stated(diagnosis, warnings), *unstated(diagnosis), *curved(diagnosis)]
+
+
+def _not_as_stated(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence where a warning says what no effect does, or that a column is late which no known effect explains: the
+    gap may be nothing else."""
+    if diagnosis.verdict == "no_gap":
+        return []
+    unknown = diagnosis.verdict == "unexplained"
+    own = [w for w in warnings if w["kind"] == "wiring" or (unknown and w["code"] == LATE)]
+    if not own:
+        return []
+    first, more = own[0], f" ({len(own) - 1} more such warnings)" if len(own) > 1 else ""
+    said = first["message"].partition(OR_EFFECT)[0]
+    return [
+        f"the gap may be that a recording is not what its campaign states{more}: {first['recording']}: {said}; "
+        "put that right first, and diagnose again"
+    ]
 
 
 def curved(diagnosis: Diagnosis) -> list[str]:

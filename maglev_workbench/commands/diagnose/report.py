@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.units import prefixed
@@ -17,6 +17,7 @@ from sim2real.advice.next_experiment import SEPARATED
 from sim2real.advice.proposal import Proposal
 from sim2real.curves import curves
 from sim2real.gap.leftover_words import fit_in_words, leftover_lines
+from sim2real.gap.locate import ALL_DRIVEN
 from sim2real.gap.shrink import REFIT, errors
 from sim2real.judgement.judge import Entry
 from sim2real.report import (
@@ -68,8 +69,8 @@ _RANK_HEAD = ("hypothesis", "probability", "where", "parameters", "worst group")
 _GAP_HEAD = ("", "measured", "nominal", "error", "corrected", "error")
 
 
-def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
-    """The parts of the text for a terminal, in order, in 80 columns."""
+def terminal(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]] = ()) -> "list[RenderableType]":
+    """The parts of the text for a terminal, in order, in 80 columns; warnings: as of `minded`."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -77,7 +78,7 @@ def terminal(diagnosis: Diagnosis) -> "list[RenderableType]":
     parts: list[RenderableType] = [Text(sentence(diagnosis), "bold")]
     if told := tempered(diagnosis):
         parts.append(told)
-    parts += [marked("mind", text) for text in minded(diagnosis)]
+    parts += [marked("mind", text) for text in minded(diagnosis, warnings)]
     parts += [f"  {line}" for line in where_in_words(diagnosis)]
     if diagnosis.leftover is not None:
         parts += [f"  {line}" for line in leftover_lines(diagnosis.leftover)]
@@ -118,13 +119,13 @@ def capitalised(text: str) -> str:
     return text if "_" in text.partition(" ")[0] else f"{text[:1].upper()}{text[1:]}"
 
 
-def diagnose_page(diagnosis: Diagnosis) -> str:
+def diagnose_page(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]] = ()) -> str:
     """The HTML of a diagnosis."""
     d = diagnosis
     blamed = tuple(dict.fromkeys(part for name in d.cause for part in name.split("+")))
     sections: list[tuple[str, str | Figure]] = [
         ("Where the gap lies", loop_diagram(d, blamed)),
-        *(("", note(f"{capitalised(text)}.")) for text in minded(d)),
+        *(("", note(f"{capitalised(text)}.")) for text in minded(d, warnings)),
         ("", _list(where_in_words(d)) + note(_NOTES["where"])),
         *([] if d.leftover is None else leftover_sections(d.leftover)),
         *([] if d.free is None else free_sections(d.free)),
@@ -136,8 +137,9 @@ def diagnose_page(diagnosis: Diagnosis) -> str:
     if rows := _word_rows(d):
         sections.append(("", table(_GAP_HEAD, rows) + note(_NOTES["words"])))
     sections += _responses(d)
+    kind = _NOTES["kind"] if d.where.between else f"{_NOTES['kind']} Here the kind is {ALL_DRIVEN}."
     if d.where.significant and any(share for *_, share in d.where.bands):
-        sections += [("The gap by band and by kind of line", shares(d)), ("", note(_NOTES["kind"]))]
+        sections += [("The gap by band and by kind of line", shares(d)), ("", note(kind))]
     sections += _next_sections(d)
     sections.append(("The corrected rig", _corrections(corrections(d), d) + note(_NOTES["corrected"])))
     if d.campaign.left_out:

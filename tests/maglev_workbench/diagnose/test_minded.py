@@ -1,4 +1,4 @@
-"""What is to be minded: a lag that the rig states no time constant for, and forces that a curved reading looks like."""
+"""What is to be minded: a recording that contradicts what is stated, a lag that is not stated, a curved reading."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,8 @@ def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
     values = {name: {"time_constant": 4.0031e-3} for name in effects}
     stated = dict.fromkeys(tolerance, 0.0)
     rig = SimpleNamespace(amplifier_time_constant=pole, sensor_time_constant=0.0, tolerance=stated, effects={})
-    return SimpleNamespace(cause=cause, corrected=SimpleNamespace(effects=values), rig=rig)
+    corrected = SimpleNamespace(effects=values)
+    return SimpleNamespace(cause=cause, corrected=corrected, rig=rig, verdict="explained")
 
 
 def test_a_sentence_begins_with_a_capital_and_the_name_of_an_effect_as_it_is():
@@ -72,3 +73,35 @@ def test_a_stop_with_a_knee_is_no_curve(monkeypatch):
 @pytest.mark.parametrize("cause", [(), ("friction",), ("soft_stop", "friction")])
 def test_what_may_be_another_effect_is_not_said_to_be_the_probe(cause):
     assert curved(diagnosis(cause, effects=())) == []
+
+
+WIRING = {
+    "code": "filter",
+    "kind": "wiring",
+    "recording": "r1.npz",
+    "message": "gains: with kp = 5 in place of 6; correct kp",
+}
+LATE = {
+    "code": "delay",
+    "kind": "effect",
+    "recording": "r2.npz",
+    "message": "force: late by 2 samples; check when column 'F' is read; or an effect (damping): run `maglev diagnose`",
+}
+
+
+@pytest.mark.parametrize(
+    ("verdict", "warnings", "words"),
+    [
+        ("explained", (WIRING,), "states: r1.npz: gains: with kp = 5 in place of 6; correct kp; put that right first"),
+        ("ambiguous", (LATE, WIRING, WIRING), "(1 more such warnings): r1.npz: gains: with kp"),
+        ("unexplained", (LATE,), "r2.npz: force: late by 2 samples; check when column 'F' is read; put that right"),
+        ("explained", (LATE,), None),
+        ("no_gap", (WIRING,), None),
+        ("unexplained", ({**WIRING, "kind": "quality"},), None),
+    ],
+)
+def test_a_recording_that_is_not_what_is_stated_is_put_right_first(verdict, warnings, words):
+    found = diagnosis((), effects=())
+    found.verdict = verdict
+    said = minded(found, warnings)
+    assert (words in said[0] and len(said) == 1) if words else said == []

@@ -14,8 +14,19 @@ from maglev_env.loop.gains import LinearController
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.gap.locate import ACTUATOR, DRIVE, PLANT, RECEPTANCE, WHOLE, _of_part, controller_distance, locate
+from sim2real.gap.locate import (
+    ACTUATOR,
+    ALL_DRIVEN,
+    DRIVE,
+    PLANT,
+    RECEPTANCE,
+    WHOLE,
+    _of_part,
+    controller_distance,
+    locate,
+)
 from sim2real.recorded.records import read_records
+from sim2real.report import where_in_words
 
 FREE = load_rig("hmb_free")
 ONE = ("base",)
@@ -86,6 +97,16 @@ def test_a_band_holds_its_resonance(tmp_path):
     found = where(problem_of(tmp_path, effects=mode))
     lo, hi, share = max(found.bands, key=lambda band: band[2])
     assert lo <= 140.0 * 2 ** (1 / 3) and hi >= 140.0 * 2 ** (-1 / 3) and share > 0.25
+
+
+def test_the_kind_is_not_told_where_all_lines_are_excited(quiet):
+    """A distortion then shows on the excited lines alone, and all of it would pass for linear."""
+    assert where(quiet).between
+    driven = replace(quiet, kind=np.zeros_like(quiet.kind))
+    found = where(driven)
+    assert not found.between
+    said = where_in_words(SimpleNamespace(where=replace(found, significant=True)))
+    assert said[-1] == f"kind: {ALL_DRIVEN}"
 
 
 @pytest.mark.parametrize(
