@@ -52,7 +52,7 @@ class WrongScale:
         return (
             f"{self.briefly} ({100 * self.change:+.3g} +- {200 * self.se:.1g} %, 95 %; the recordings do not tell the "
             f"two apart): hold what measures the {self.channel} against a known one before anything is changed in the "
-            "rig, and state scale_tolerance of the channel, or 0 where it is sure"
+            "rig, and state how well it is known as scale_tolerance of the channel"
         )
 
 
@@ -70,7 +70,8 @@ def wrong_scale(problem: Problem, calibration: Fit, found_in_rig: Fit) -> WrongS
     def unknown(name: str) -> bool:  # nothing is stated of it
         return not any(e.name == f"scale of {name}" for r in records for e in r.errors)
 
-    if records[0].axes == 1 and unknown(FORCE) and any(np.any(r.driving(FORCE)) for r in records):
+    able = records[0].axes == 1 and records[0].nominal.controlled
+    if able and unknown(FORCE) and any(np.any(r.driving(FORCE)) for r in records):
         found.append(_of_force(problem, calibration))
     for axis, suffix in enumerate(suffixes(records[0].axes)):
         if unknown(name := f"{CURRENT}{suffix}"):
