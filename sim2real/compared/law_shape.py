@@ -54,8 +54,8 @@ def shape_directions(rig: Rig) -> Mapping[str, tuple[float, float]]:
     shorter = tuple(-change * FORM / (1 + FORM) for change in (power, distance / law.gap))
     steeper = 0.0, -STEEPNESS * distance / law.gap
     return {
-        FORM_NAME: longer if _possible(exponent + longer[0], offset + longer[1]) else shorter,
-        STEEPNESS_NAME: steeper if _possible(exponent, offset + steeper[1]) else (0.0, -steeper[1]),
+        FORM_NAME: longer if possible(exponent + longer[0], offset + longer[1]) else shorter,
+        STEEPNESS_NAME: steeper if possible(exponent, offset + steeper[1]) else (0.0, -steeper[1]),
     }
 
 
@@ -71,7 +71,7 @@ def bent(rig: Rig, amounts: Mapping[str, float]) -> Rig:
     further = (
         tuple(at + BEND * change for at, change in zip(shape.values(), way, strict=True)) for way in ways.values()
     )
-    if not all(_possible(*one) for one in (tuple(shape.values()), *further)):
+    if not all(possible(*one) for one in (tuple(shape.values()), *further)):
         return rig  # it is asked from there which way it bends on (`law_shapes`)
     effects = {**rig.effects, "force_law": shape}
     plain, was, now = linearise(law), *(linearise(shaped_law(law, own), centre) for own in (rig.effects, effects))
@@ -148,7 +148,7 @@ def rest_current(record: OpenRecord, near: Point) -> Mapping[str, Point]:
     return {f"current at rest of {record.name}": replace(near, effects={**near.effects, "actuator_offset": moved})}
 
 
-def _possible(exponent: float, offset: float) -> bool:
+def possible(exponent: float, offset: float) -> bool:
     """Whether a force law may have these parameters."""
     of_law = EFFECTS["force_law"].parameters
     return all(of_law[k].low <= v <= of_law[k].high for k, v in (("exponent", exponent), ("offset", offset)))

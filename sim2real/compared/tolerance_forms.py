@@ -25,6 +25,7 @@ from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
+from sim2real.compared.law_shape import possible
 from sim2real.compared.point import NOMINAL, Point, experiment_at
 from sim2real.compared.simulated import Predictor
 from sim2real.compared.whole_gain import GAIN, STIFFNESS, both_forms
@@ -75,9 +76,12 @@ def tolerance_forms(
         exponent, offset = (effect_value(here, "force_law", name) for name in ("exponent", "offset"))
         stiffness, other = (linearise(reshaped(law, exponent + more, offset))[1] for more in (0.0, 1.0))
         steeper = other - stiffness  # for an exponent that is larger by one
-        scaled, _, more = both_forms(e, near, STIFFNESS, LITTLE * sigma)
-        bent = {"exponent": exponent + more * stiffness / steeper, "offset": offset}
-        found[STIFFNESS] = scaled, replace(near, effects={**near.effects, "force_law": bent}), more / sigma
+        for share in (LITTLE * sigma, -LITTLE * sigma):  # a law at the end of its range bends the other way
+            scaled, _, more = both_forms(e, near, STIFFNESS, share)
+            bent = {"exponent": exponent + more * stiffness / steeper, "offset": offset}
+            if possible(**bent):
+                found[STIFFNESS] = scaled, replace(near, effects={**near.effects, "force_law": bent}), more / sigma
+                break
     return found
 
 

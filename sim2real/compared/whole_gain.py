@@ -62,7 +62,7 @@ def both_forms(e: Experiment, point: Point, name: str, share: float) -> tuple[Po
         e: The experiment on the nominal rig.
         point: The point.
         name: "actuator_gain" or "negative_stiffness".
-        share: Relative change, above 0.
+        share: Relative change; its sign is the wanted one of a gain that is not below the stated one.
 
     Returns:
         Both points, and the change with the sign with which the form of the whole stays in its range.

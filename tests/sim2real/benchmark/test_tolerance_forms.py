@@ -7,6 +7,7 @@ import pytest
 
 from maglev_env.experiment import Experiment
 from maglev_env.lane_values import shaped_law
+from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.gains import NO_CONTROLLER
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, linearise, reshaped
@@ -18,7 +19,7 @@ from sim2real.blind.benchmark.rigs import draw_rig
 from sim2real.blind.benchmark.simulate import Controller, Recording, Truth, simulate
 from sim2real.blind.benchmark.write import Recorded, write_campaign
 from sim2real.compared import problem as problem_module
-from sim2real.compared.point import tolerances
+from sim2real.compared.point import Point, tolerances
 from sim2real.compared.tolerance_forms import LAG, tolerance_forms
 from sim2real.recorded.records import read_records
 from sim2real.search.fitting import begin, iterate
@@ -53,6 +54,21 @@ def test_both_forms_have_the_same_stiffness_and_another_curvature(folder):
     y = 0.1 * rig.gap
     same = replace(law, stiffness_scale=1 + more)
     assert abs(force(other, y, 0.0) - force(same, y, 0.0)) > 0.025 * more * force(law, y, 0.0)
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_a_law_at_the_end_of_its_range_is_asked_from_within(folder, end):
+    """A fit that ended there had asked for an exponent beyond it, and the diagnosis ended in an error."""
+    rig, exponent = load_rig(folder / "rig.toml"), EFFECTS["force_law"].parameters["exponent"]
+    near = Point({"force_law": {"exponent": getattr(exponent, end), "offset": 0.0}}, {})
+    scaled, bent, deviations = tolerance_forms(on(rig), near)["negative_stiffness"]
+    assert exponent.low <= bent.effects["force_law"]["exponent"] <= exponent.high
+    # Both are off by the same share, of the same sign.
+    law = reshaped(force_law(rig), near.effects["force_law"]["exponent"], 0.0)
+    more = 0.04 * deviations
+    assert scaled.effects["negative_stiffness"]["change"] == pytest.approx(more)
+    other = reshaped(force_law(rig), bent.effects["force_law"]["exponent"], 0.0)
+    assert linearise(other)[1] == pytest.approx((1 + more) * linearise(law)[1], rel=1e-6)
 
 
 def test_between_opposed_magnets_the_forms_differ_while_the_motion_is_large():
