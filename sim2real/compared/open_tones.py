@@ -9,6 +9,7 @@ Where a nonlinear loop answers to a few sines that drive it, nothing is looked f
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from scipy import stats
@@ -228,15 +229,27 @@ def resolution_of(record: Record | OpenRecord) -> float:
 
 
 def nuisance_columns(record: OpenRecord, tone: Tone, outputs: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """A tone of unknown size and phase along every axis, as columns (outputs, axes, n) by name."""
-    size = UNKNOWN_SIZE * float(np.linalg.norm(tone.amplitude["opened"]))
-    columns, found = size * record.windows.project(tone_lines(record.windows, tone.frequency)), {}
-    for axis in range(record.axes):
-        for name, column in zip(("cosine", "sine"), columns, strict=True):
+    """A tone of unknown size and phase along every axis in every output, as columns (outputs, axes, n) by name.
+
+    The command has it, too: an amplifier that is not the nominal one then leaves of it in the current.
+    """
+    lines, found = record.windows.project(tone_lines(record.windows, tone.frequency)), {}
+    sizes = {"plant": float(np.linalg.norm(tone.amplitude["opened"]))}
+    if "amplifier" in outputs:
+        sizes["amplifier"] = float(np.linalg.norm(amplitude_of(record.series["current"], tone, record)))
+    for output, axis in product(outputs, range(record.axes)):
+        where = "" if output == "plant" else " in the current"
+        for name, column in zip(("cosine", "sine"), lines, strict=True):
             whole = np.zeros((len(outputs), record.axes, column.size), complex)
-            whole[outputs.index("plant"), axis] = column.reshape(-1)
-            found[f"{name} of {tone.frequency:.9g} Hz along axis {axis} of {record.name}"] = whole
+            whole[outputs.index(output), axis] = UNKNOWN_SIZE * sizes[output] * column.reshape(-1)
+            found[f"{name} of {tone.frequency:.9g} Hz along axis {axis} of {record.name}{where}"] = whole
     return found
+
+
+def amplitude_of(series: np.ndarray, tone: Tone, record: OpenRecord) -> np.ndarray:
+    """Complex amplitude (axes,) of a tone in a series (axes, samples) of a record."""
+    turned = np.exp(-2j * np.pi * tone.frequency / record.windows.sample_rate * np.arange(series.shape[-1]))
+    return 2 * (series - series.mean(axis=-1, keepdims=True)) @ turned / series.shape[-1]
 
 
 def tones_in(residual: Residual, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from sim2real.recorded.open_loop import Loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened
 from sim2real.recorded.ringing import driven_directions, ringing_directions, without
-from sim2real.recorded.tones import tone_lines
+from sim2real.recorded.tones import tone_lines, without_tone
 
 FORCE = 2  # place of the force's noise among the shapes of noise
 SMALL = 0.1  # of an error, for its direction: in proportion, and yet well above rounding
@@ -222,6 +222,8 @@ def open_noise(
         columns = tone_lines(record.windows, tone.frequency)
         a = tone.amplitude["opened"]
         residual[outputs.index("plant")] -= np.einsum("ca,cwl->awl", np.array([a.real, -a.imag]), columns)
+        if "amplifier" in outputs:  # of what the command has of it, by an amplifier that is not the nominal one
+            residual[outputs.index("amplifier")] = without_tone(residual[outputs.index("amplifier")], columns)
     w, at = record.windows, outputs.index("plant")
     directions, rank = ringing_directions(record, near, driven_directions(record)[0])
     residual[at] = w.lines(without(w.project(residual[at]), directions))

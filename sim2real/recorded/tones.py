@@ -58,6 +58,14 @@ def tone_lines(windows: LineWindows, frequency: float) -> np.ndarray:
     return found.reshape(2, windows.count, WIDTH)
 
 
+def without_tone(lines: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Lines (axes, windows, WIDTH) without what goes with the cosine and the sine of a tone, as of `tone_lines`."""
+    own = np.ascontiguousarray(columns).reshape(2, -1).view(float)  # real and imaginary parts in turn
+    parts = np.ascontiguousarray(lines).reshape(len(lines), -1).view(float)
+    found = np.linalg.lstsq(own.T, parts.T, rcond=None)[0]
+    return (parts - found.T @ own).view(complex).reshape(lines.shape)
+
+
 def transform_of_tone(lines: np.ndarray, at: float | np.ndarray, samples: int) -> np.ndarray:
     """Amplitudes (2, ...) at lines of the cosine and the sine of frequencies in lines: geometric sums."""
 
