@@ -88,7 +88,8 @@ def tolerance_forms(
 def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
     """Relative standard deviations of what gain and stiffness of a pair of magnets are made of, where it shows.
 
-    Another bias current at the same gain and stiffness is another form of both, another gap one of the stiffness.
+    Another bias current at the same gain and stiffness is another form of both, another gap one of the stiffness. Where
+    a rig does not state these but a geometry, they would follow from it, and be off by more than their tolerance.
 
     Args:
         nuisances: Of the campaign, with the forms.
@@ -97,7 +98,8 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
     gain, stiffness = (rig.tolerance.get(name, 0.0) for name in (GAIN, STIFFNESS))
     forms = [n for n in nuisances.names if n in (f"form of {GAIN}", f"form of {STIFFNESS}")]
     columns = nuisances.columns[[nuisances.names.index(n) for n in forms]]
-    if "pair" not in rig.capabilities or np.linalg.norm(columns, axis=1).max(initial=0.0) < SHOWN:
+    stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS))
+    if not stated or "pair" not in rig.capabilities or np.linalg.norm(columns, axis=1).max(initial=0.0) < SHOWN:
         return {}
     # Stiffness over gain is bias current over gap. At a stated gain the pull goes with the bias current squared.
     either = float(np.hypot(gain, stiffness))

@@ -87,3 +87,5 @@ def test_small_motions_and_what_is_stated_as_exact_stay(tmp_path):
     exact = replace(RIG, tolerance={**RIG.tolerance, "gap": 0.0})
     assert form_tolerances(loud, exact).keys() == {"bias_current"}
     assert form_tolerances(loud, replace(RIG, tolerance={"mass": 0.005})) == {}
+    # Where gain and stiffness follow from the geometry they would move with it, by more than their tolerance.
+    assert form_tolerances(loud, replace(RIG, actuator_gain=None, turns=150, pole_area=2e-4)) == {}
