@@ -32,6 +32,7 @@ from sim2real.compared.whole_gain import GAIN, STIFFNESS, both_forms
 from sim2real.recorded.nuisances import Nuisances
 
 LAG = "amplifier_time_constant"
+OF = "form of "  # begins the name of a nuisance; that of the parameter follows
 # Standard deviations by which a gain or stiffness is off in either form, for what that does: as far as it often is. By
 # a tenth nothing is seen of the curvature that a ball shows, and by a whole one a loop is another one.
 LITTLE = 0.3
@@ -96,10 +97,10 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
         rig: The nominal rig.
     """
     gain, stiffness = (rig.tolerance.get(name, 0.0) for name in (GAIN, STIFFNESS))
-    forms = [n for n in nuisances.names if n in (f"form of {GAIN}", f"form of {STIFFNESS}")]
-    columns = nuisances.columns[[nuisances.names.index(n) for n in forms]]
+    by_name = dict(zip(nuisances.names, nuisances.columns, strict=True))
+    forms = [by_name[name] for name in (OF + GAIN, OF + STIFFNESS) if name in by_name]
     stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS))
-    if not stated or "pair" not in rig.capabilities or np.linalg.norm(columns, axis=1).max(initial=0.0) < SHOWN:
+    if not stated or "pair" not in rig.capabilities or max(map(np.linalg.norm, forms), default=0.0) < SHOWN:
         return {}
     # Stiffness over gain is bias current over gap. At a stated gain the pull goes with the bias current squared.
     either = float(np.hypot(gain, stiffness))
@@ -116,4 +117,4 @@ def form_nuisances(
         return {}
     predicted = predictor([point for *pair, _ in forms.values() for point in pair])
     changes = zip(forms.items(), predicted[1::2] - predicted[::2], strict=True)
-    return {f"form of {name}": change / sds for (name, (*_, sds)), change in changes if np.isfinite(change).all()}
+    return {OF + name: change / sds for (name, (*_, sds)), change in changes if np.isfinite(change).all()}

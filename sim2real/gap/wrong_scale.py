@@ -18,6 +18,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.hypotheses import Hypothesis
 
 FORCE, CURRENT = "force", "current"  # whose scale nothing else tells; that of the displacement is an effect's name
 GAINS = {"sensor_gain": "probe_gain", "actuator_gain": "actuator_gain"}  # effects, and what tolerances call them
@@ -75,9 +76,8 @@ def wrong_scale(problem: Problem, calibration: Fit, found_in_rig: Fit) -> WrongS
         found.append(_of_force(problem, calibration))
     for axis, suffix in enumerate(suffixes(records[0].axes)):
         if unknown(name := f"{CURRENT}{suffix}"):
-            found.append(
-                _freed(problem, records, calibration, ChannelError(f"scale of {name}", CURRENT, axis, ANY), near)
-            )
+            error = ChannelError(f"scale of {name}", CURRENT, axis, ANY)
+            found.append(_freed(problem, records, calibration, error, near))
     best = min(filter(None, found), key=lambda pair: pair[0], default=None)
     return best[1] if best is not None and best[0] < found_in_rig.cost + AS_WELL else None
 
@@ -89,15 +89,10 @@ def _of_force(problem: Problem, calibration: Fit) -> tuple[float, WrongScale] | 
     probe that reads more by a factor beside an actuator that does less by it.
     """
     h = calibration.hypothesis.instead(*GAINS)
-    start = np.zeros(h.size)
-    at = {name: i for i, name in enumerate(calibration.hypothesis.calibrated)}
-    for i, name in enumerate(h.calibrated, len(h.coordinates)):
-        start[i] = calibration.u[at[name]]
-    (fit,) = begin([h], [h.bounded(start)], problem.data, problem.simulate)
-    iterate([fit], problem.data, problem.simulate, STEPS)
-    if not np.isfinite(fit.cost):
+    known = dict(zip(calibration.hypothesis.calibrated, calibration.u, strict=True))
+    start = np.array([0.0] * len(h.coordinates) + [known[name] for name in h.calibrated])
+    if (fit := _fitted(problem, h, start)) is None:
         return None
-    differentiate([fit], problem.data, problem.simulate, True)
     own, scales = h.point(fit.u).effects, np.array([c.scale for c in h.coordinates])
     logs = np.log1p([own[c.effect]["change"] for c in h.coordinates])
     sign = np.array([1.0 if c.effect == "sensor_gain" else -1.0 for c in h.coordinates])
@@ -121,12 +116,8 @@ def _freed(
     freed = problem.again(near, records=own)
     if error.name not in freed.nuisances.names:
         return None
-    h = calibration.hypothesis
-    (fit,) = begin([h], [calibration.u], freed.data, freed.simulate)
-    iterate([fit], freed.data, freed.simulate, STEPS)
-    if not np.isfinite(fit.cost):
+    if (fit := _fitted(freed, calibration.hypothesis, calibration.u)) is None:
         return None
-    differentiate([fit], freed.data, freed.simulate, True)
     amount = freed.nuisances.amounts(fit.residual)[error.name]
     rows = np.array([freed.nuisances.amounts(row)[error.name] for row in fit.jacobian])
     se = float(np.sqrt(freed.nuisances.spread[error.name] ** 2 + rows @ fit.covariance() @ rows))
@@ -134,3 +125,13 @@ def _freed(
         return None
     # To first order the readings are that much of what they should be.
     return fit.cost, WrongScale(error.name.removeprefix("scale of "), 1 / (1 + ANY * amount) - 1, ANY * se)
+
+
+def _fitted(problem: Problem, hypothesis: Hypothesis, start: np.ndarray) -> Fit | None:
+    """A fit with its Jacobian; None where the rotor touches down."""
+    (fit,) = begin([hypothesis], [start], problem.data, problem.simulate)
+    iterate([fit], problem.data, problem.simulate, STEPS)
+    if not np.isfinite(fit.cost):
+        return None
+    differentiate([fit], problem.data, problem.simulate, True)
+    return fit

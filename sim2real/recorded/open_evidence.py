@@ -223,7 +223,8 @@ def open_noise(
         a = tone.amplitude["opened"]
         residual[outputs.index("plant")] -= np.einsum("ca,cwl->awl", np.array([a.real, -a.imag]), columns)
         if "amplifier" in outputs:  # of what the command has of it, by an amplifier that is not the nominal one
-            residual[outputs.index("amplifier")] = without_tone(residual[outputs.index("amplifier")], columns)
+            current = outputs.index("amplifier")
+            residual[current] = without_tone(residual[current], columns)
     w, at = record.windows, outputs.index("plant")
     directions, rank = ringing_directions(record, near, driven_directions(record)[0])
     residual[at] = w.lines(without(w.project(residual[at]), directions))
