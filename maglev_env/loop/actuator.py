@@ -55,6 +55,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
         nominal="negative_stiffness",
         plain_kernel=("distance_share",),
+        describes=True,
     ),
     "force_law": EffectCard(
         "actuator",
@@ -67,6 +68,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         ("magnets",),
         like="negative_stiffness",
         form_share=0.01,
+        describes=True,
     ),
     **eddy.EFFECTS,
     "hysteresis": EffectCard(
@@ -90,6 +92,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         linear=False,
         form_share=0.1,
         dither="maybe",
+        describes=True,
     ),
     "saturation": EffectCard(
         "actuator",
@@ -108,6 +111,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "current and displacement at two amplitudes",
         ("magnets",),
         form_share=0.01,
+        describes=True,
     ),
     "actuator_offset": EffectCard(
         "actuator",

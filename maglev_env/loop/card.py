@@ -141,6 +141,8 @@ class EffectCard:
         resonance: whether it is a mode whose frequency must be searched for.
         nominal: the rig parameter that the effect changes by a relative amount; a deviation within that parameter's
             tolerance is then a small effect.
+        describes: whether its name says how a force goes with displacement, velocity or current, and not what makes it
+            do so: a cause that no card describes may well have the same law.
         like: the effect that it resembles while the motion is small. There, neither is more likely than the other,
             however many parameters they have, and where one of them explains the other one is tried.
         form_share: the formula of a real effect may differ from the one here. Share of the explained sim-to-real gap
@@ -164,6 +166,7 @@ class EffectCard:
     linear: bool = True
     resonance: bool = False
     nominal: str | None = None
+    describes: bool = False
     like: str | None = None
     form_share: float = 0.0
     dither: Literal["never", "maybe", "always"] = "never"

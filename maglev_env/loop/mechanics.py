@@ -29,6 +29,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "force and displacement",
         ("support",),
         nominal="support_stiffness",
+        describes=True,
     ),
     "damping": EffectCard(
         "mechanics",
@@ -46,6 +47,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "viscous damping added to the support",
         "force and displacement",
         form_share=0.005,
+        describes=True,
     ),
     "friction": EffectCard(
         "mechanics",
@@ -69,6 +71,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         form_share=0.02,
         dither="maybe",
         plain_kernel=("viscous",),
+        describes=True,
     ),
     "support_resonance": EffectCard(
         "mechanics",
@@ -98,6 +101,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         "displacement of both axes, excited in turn",
         ("magnets", "two_axes"),
         not_sealed="the sealed twin has one axis",
+        describes=True,
     ),
 }
 

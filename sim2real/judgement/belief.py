@@ -37,6 +37,8 @@ class Belief:
         group_sd: Standard deviations beyond the noise that a free correction of a group must explain.
         group_cost: Cost of such a correction.
         unknown_cost: Log odds against an unknown cause where no group is left unexplained.
+        unknown_alike: The same where what explains describes a law of force (`EffectCard.describes`), which unknown
+            causes have, too: a seal is a spring, and a film of fluid a damper.
         parameter_cost: Cost of each parameter of an effect beyond its first, which noise alone lets it save.
         search_cost: The same for searching a frequency.
         form_cost: Penalty on a form that may leave more than WIDE_FORM of the gap, per factor e, because it predicts
@@ -52,6 +54,7 @@ class Belief:
     group_sd: float = 4.5
     group_cost: float = 30.0
     unknown_cost: float = 2.6
+    unknown_alike: float = 2.6
     parameter_cost: float = 4.0
     search_cost: float = 10.0
     form_cost: float = 1.0

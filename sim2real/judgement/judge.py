@@ -15,7 +15,8 @@ WIDE_FORM = 0.01
 SIGNIFICANT = 5.0  # standard deviations of a group's excess
 SURELY_BEHIND = 60.0  # cost behind a pair without a residue from which on another form is hardly believed
 BY_CHANCE = 0.001  # the same as a share of the gap
-BESIDE_WHOLE = 0.05  # share of what another form may leave that is then still believed
+FAR_BEHIND = 10.0  # the same in standard deviations of the noise, however large the gap is
+BESIDE_WHOLE = 0.05  # share of what another form may leave, or of what it leaves, that is then still believed
 SURELY = 12.0  # cost that an effect must save beyond all named ones to show something although it has no meaning
 HOPELESS = 1e4  # ratio of probabilities from which on the smaller one does not matter
 
@@ -90,13 +91,14 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     foreign = unnamed(named_best, at_best, evidence)
     rows.append(((UNKNOWN,), float(costs.min() - saved - foreign), 1.0, None))
     unlike = _unlike(evidence, saved, forms[best], excused, belief)
-    gain = 0.5 * belief.freedom * (np.log1p(unlike) + np.log1p(foreign / belief.freedom)) - belief.unknown_cost
+    gain = 0.5 * belief.freedom * (np.log1p(unlike) + np.log1p(foreign / belief.freedom))
+    against = np.array([_against_unknown(names, belief) for names, *_ in rows[:-1]])
     # An unknown cause may do what a hypothesis does only with parameters far outside their stated tolerances. Its
     # penalty then grows with the logarithm of the strain, and its prior is at most that of one single effect.
     bent = logs + 0.5 * strain - 0.5 * belief.freedom * np.log1p(strain / belief.freedom)
     bent -= [max(np.log(prior / priors[1]), 0.0) for _, _, prior, _ in rows[:-1]]
     meant = _meant_by_none(evidence, of_data.min(), priors[1], excused, belief)
-    logs = np.append(logs, max(logs.max() + gain, bent.max() - belief.unknown_cost, meant))
+    logs = np.append(logs, max((logs - against).max() + gain, (bent - against).max(), meant))
     weights = np.exp(judge.trust.get(channels_of(evidence), 1.0) * (logs - logs.max()))
     weights /= weights.sum()
     found = [
@@ -144,6 +146,12 @@ def _as_excused(likelihood: np.ndarray, cost: np.ndarray, scale: np.ndarray, str
     worse = (cost >= cost[:, None]) & (scale >= scale[:, None])
     named = likelihood - 0.5 * np.maximum(strain - strain[:, None], 0.0)
     return np.max(np.where(worse, named, -np.inf), axis=1)
+
+
+def _against_unknown(names: tuple[str, ...], belief: Belief) -> float:
+    """Log odds against an unknown cause where these effects leave nothing that is significant."""
+    describes = any(name in EFFECTS and EFFECTS[name].describes for name in names)
+    return belief.unknown_alike if describes else belief.unknown_cost
 
 
 def _unlike(evidence: Evidence, saved: float, form: float, excused: float, belief: Belief) -> float:
@@ -232,23 +240,28 @@ def _forms(evidence: Evidence, gap: float, belief: Belief) -> np.ndarray:
         saved = [min(max(other - costs[i], 0.0), gap) for other in others]
         explained = min(max(costs[0] - costs[i], 0.0), gap)
         found[i] += min(max(float(np.dot(shares, saved)), min(shares) * explained), explained)
-    return np.where(_behind_a_whole_pair(evidence, gap), BESIDE_WHOLE * found, found)
+    behind = _behind_a_whole_pair(evidence, gap)
+    return np.where(behind > 0, BESIDE_WHOLE * np.minimum(found, behind), found)
 
 
 def _behind_a_whole_pair(evidence: Evidence, gap: float) -> np.ndarray:
-    """Whether each candidate leaves surely more than a pair that leaves nothing but noise.
+    """How much more each candidate leaves (candidates,) than a pair that leaves nothing but noise; 0 where that is not
+    sure.
 
     Another form leaves what no other effect has. Where a second effect takes all of it away, down to the noise of every
     recording, it was hardly a matter of form: a stop that explains nearly the whole motion would otherwise hide a lag
     beside it, which is small against what a form of the stop may leave. What is below a small share of the whole gap
-    any effect may happen to take away.
+    any effect may happen to take away, but hardly what stands far out of the noise, down to the noise.
     """
-    noise = 2.0 * float(np.sqrt((evidence.scatter**2).sum()))
+    noise = float(np.sqrt((evidence.scatter**2).sum()))
     whole = [
         cost for names, cost, excess in zip(evidence.effects, evidence.cost, evidence.excess, strict=True)
-        if len(names) == 2 and excess.sum() <= noise
+        if len(names) == 2 and isfinite(cost) and excess.sum() <= 2.0 * noise
     ]  # fmt: skip
-    return evidence.cost > min(whole, default=inf) + max(SURELY_BEHIND, BY_CHANCE * gap)
+    if not whole:
+        return np.zeros(evidence.cost.shape)
+    behind = evidence.cost - min(whole)
+    return np.where(behind > max(SURELY_BEHIND, min(BY_CHANCE * gap, FAR_BEHIND * noise)), behind, 0.0)
 
 
 def _complexity_of(evidence: Evidence, candidate: int, belief: Belief) -> float:

@@ -17,22 +17,22 @@ from sim2real.search.screening import extended, kept, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
 from sim2real.search.starts import starts
 
-TRIED = 2  # best pairs whose resonance is sought again
+TRIED = 2  # best pairs with a resonance that is none, which is sought again
 
 
 def ringing(problem: Problem, pairs: Sequence[Fit]) -> list[Fit]:
-    """The pairs, the best ones of which have a resonance that is one, where they had ended without.
+    """The pairs, the best of those that had ended with a resonance that is none with one that is.
 
     It is sought at every frequency, beside the other effect as it is in the pair. What does not ring is not named, so
     that any that rings takes its place.
     """
     again: dict[int, Fit] = {}
-    for f in sorted((f for f in pairs if np.isfinite(f.cost)), key=lambda f: f.cost)[:TRIED]:
-        dull = _too_damped(f)
-        other = [name for name in f.hypothesis.effects if name not in dull]
-        if len(dull) == 1 and len(other) == 1:
-            rings = [new for new in _sought(problem, f, other[0], dull[0]) if not _too_damped(new)]
-            again |= {id(f): min(rings, key=lambda new: new.cost)} if rings else {}
+    dull = [f for f in pairs if np.isfinite(f.cost) and len(f.hypothesis.effects) == 2 and len(_too_damped(f)) == 1]
+    for f in sorted(dull, key=lambda f: f.cost)[:TRIED]:
+        (resonance,) = _too_damped(f)
+        (other,) = (name for name in f.hypothesis.effects if name != resonance)
+        rings = [new for new in _sought(problem, f, other, resonance) if not _too_damped(new)]
+        again |= {id(f): min(rings, key=lambda new: new.cost)} if rings else {}
     return [again.get(id(f), f) for f in pairs]
 
 

@@ -29,6 +29,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         flexible=True,
         linear=False,
         form_share=0.02,
+        describes=True,
     ),
     "soft_stop": EffectCard(
         "mechanics",
@@ -47,6 +48,7 @@ EFFECTS: Mapping[str, EffectCard] = {
         linear=False,
         like="cubic_spring",
         form_share=0.05,
+        describes=True,
     ),
 }
 

@@ -19,8 +19,8 @@ from sim2real.judgement.likely import fewest
 # they mean (form_share, leftover and group_sd go with the cards of effects).
 KNOWN = 0.7
 LEARNED = (
-    "freedom", "prior_singles", "prior_pairs", "prior_none", "group_cost", "unknown_cost", "parameter_cost",
-    "search_cost", "form_cost",
+    "freedom", "prior_singles", "prior_pairs", "prior_none", "group_cost", "unknown_cost", "unknown_alike",
+    "parameter_cost", "search_cost", "form_cost",
 )  # fmt: skip
 LEAST = 1e-3  # probability that counts where the truth was given less: it may not have been fitted at all
 ROUNDS = 250  # evaluations of the likelihood, at most
