@@ -297,10 +297,10 @@ def protocol_experiment(
 
 
 def without_noise(experiment: Experiment) -> Experiment:
-    """The experiment with ideal converters and without noise."""
+    """The experiment without noise, and with converters that limit and do not round."""
     quiet = replace(experiment.rig.noise, displacement=0.0, force=0.0, current=0.0)
     sensing = replace(experiment.rig.self_sensing, adc_bits=0)
-    rig = replace(experiment.rig, noise=quiet, adc_bits=0, dac_bits=0, self_sensing=sensing)
+    rig = replace(experiment.rig, noise=quiet, rounds=False, self_sensing=sensing)
     sensor = experiment.sensor
     if isinstance(sensor, tuple):
         sensor = tuple(replace(s, acquisition=replace(s.acquisition, bits=0, noise=0.0)) for s in sensor)

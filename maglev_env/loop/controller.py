@@ -6,7 +6,7 @@ import numpy as np
 
 from maglev_env.loop import further_body
 from maglev_env.loop.card import EffectCard, Parameter
-from maglev_env.loop.converters import converter_range
+from maglev_env.loop.converters import converter_bits, converter_range
 from maglev_env.loop.system import Values
 from maglev_lanes.converter import quantised
 from maglev_lanes.layout import LANES as W
@@ -40,7 +40,7 @@ HEAD, INPUT_STATE = 9, 6
 
 def fill(x: LaneRows, values: Values) -> None:
     """Write the constants of the command's converter; those of the controller itself are written elsewhere."""
-    per_volt, bits = values.rig("amplifier_gain"), values.rig("dac_bits")
+    per_volt, bits = values.rig("amplifier_gain"), converter_bits(values, "dac_bits")
     count = np.where(bits > 0, 2 * values.rig("voltage_range") * per_volt / 2.0**bits, 1.0)
     most = converter_range(values) * per_volt
     x[PER_U_COUNT], x[U_COUNT_MAX], x[U_COUNT], x[U_ROUNDS] = 1 / count, most / count, count, bits > 0

@@ -6,7 +6,7 @@ import numpy as np
 
 from maglev_env.loop import actuator
 from maglev_env.loop.card import EffectCard, Parameter, decay, first_order, phase, relative
-from maglev_env.loop.converters import converter_range
+from maglev_env.loop.converters import converter_bits, converter_range
 from maglev_env.loop.mechanics import Y
 from maglev_env.loop.resonance import RESONANCE_DAMPING, RESONANCE_FREQUENCY, further_mode
 from maglev_env.loop.system import System, Values
@@ -159,7 +159,7 @@ def fill(x: LaneRows, values: Values, probe: bool) -> None:
         values: of the lanes.
         probe: false for a gap estimated by self-sensing, which passes no converter.
     """
-    bits, gain = values.rig("adc_bits"), values.rig("probe_gain")
+    bits, gain = converter_bits(values, "adc_bits"), values.rig("probe_gain")
     true_gain = gain * (1 + values.effect("sensor_gain"))
     lsb = np.where(bits > 0, 2 * values.rig("voltage_range") / 2.0**bits, 1.0)
     x[PROBE_COUNTS], x[COUNT_MAX], x[PER_COUNT] = true_gain / lsb, converter_range(values) / lsb, lsb / gain

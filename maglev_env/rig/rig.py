@@ -80,6 +80,7 @@ class Rig:
         negative_stiffness: measured -df/dy (< 0), likewise.
         adc_bits: 0: an ideal converter.
         dac_bits: likewise; where both are ideal, neither has a range.
+        rounds: whether the converters round to these bits; False: they only limit.
         axes: 1, or 2 for x and y.
         per_axis: parameters that differ in axis "x" or "y".
         cross: coupling of the two axes.
@@ -129,6 +130,7 @@ class Rig:
     adc_bits: int = quantity("bit", 0, 32, 16)
     dac_bits: int = quantity("bit", 0, 32, 14)
     voltage_range: float = quantity("V", 0.1, 1e4, 10.0)
+    rounds: bool = True
     control_rate: float = quantity("Hz", 1.0, 1e6, 20000.0)
     gravity: float = quantity("m/s2", 0.0, 100.0, STANDARD_GRAVITY)
     axes: int = 1

@@ -80,6 +80,21 @@ def test_a_second_effect_that_takes_the_residue_away_is_not_a_matter_of_form(lef
     assert found == ("explained", named)
 
 
+@pytest.mark.parametrize(("left", "named"), [(3000.0, ("saturation", "delay")), (500.0, ("saturation",))])
+def test_beside_a_gap_of_any_size_what_stands_far_out_of_the_noise_is_no_matter_of_form(left, named):
+    """The noise of all groups scatters by 66; another form of the saturation may leave two million of 200 million."""
+    assert judged(gap(2e8, saturation=left, pairs={"saturation+delay": 0.0})) == ("explained", named)
+
+
+def test_a_law_of_force_may_be_that_of_an_unknown_cause():
+    """What has a name of its own, as a delay has, is not as easily something else."""
+    believed = replace(Judge(), belief=replace(Judge().belief, unknown_cost=4.0, unknown_alike=1.0))
+    for name, odds in (("friction", 1.0), ("delay", 4.0)):
+        found = entries(gap(400.0, **{name: 0.0}), believed)
+        ratio = probability(found, name) / probability(found, "unknown")
+        assert found[0].effects == (name,) and np.log(ratio) == pytest.approx(odds, abs=0.1)
+
+
 @pytest.mark.parametrize(("motion", "named"), [(inf, "friction"), (1e6, "unknown")])
 def test_no_form_is_excused_a_share_of_more_than_the_motion(motion, named):
     """A rotor that nearly falls without an effect moves far more than it was seen to."""
@@ -104,7 +119,7 @@ def test_what_is_excused_names_no_worse_explanation():
 @pytest.mark.parametrize(("strain", "named"), [(0.0, False), (100.0, True)])
 def test_what_contradicts_the_rig_lends_its_excuse_to_nothing(strain, named):
     """A lag with impossible masses is not named whatever its form may leave; a delay is no more likely for it."""
-    e = gap(2e6, pairs={"amplifier_lag+mass": 0.0}, delay=1000.0, saturation=1300.0 + strain)
+    e = gap(2e6, pairs={"amplifier_lag+mass": 0.0}, delay=450.0, saturation=550.0 + strain)
     strained = np.array([strain if names == ("saturation",) else 0.0 for names in e.effects])
     assert (probability(entries(replace(e, strain=strained)), "amplifier_lag", "mass") > 0.5) == named
 
