@@ -21,7 +21,7 @@ from sim2real.search.starts import starts
 from sim2real.search.where_it_stands import LAW, where_it_stands
 
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
-DRIFTS = 2  # per round: pairs with a drift that are fitted beside these
+DRIFTS = 2  # per round: pairs with a drift that are fitted beside these, where a drift explains less alone than others
 STRETCHED = 2  # best single effects beside which a stated parameter may become an effect
 SWAPPED = 2  # best pairs of which either effect is tried with others
 # Cost that a second effect must save to be more probable than its absence (see `Belief`), where the best single effect
@@ -202,12 +202,13 @@ def _round(
             if np.isfinite(other.cost):
                 tried = [*tried, other.u[: len(other.hypothesis.coordinates)]]
             jobs += [(seed, h, _beside(h, np.concatenate([seed.u[:n], start]), seed, other)) for start in tried]
+    drifts = PAIRS if any(DRIFTING in seed.hypothesis.effects for seed in seeds[:1]) else DRIFTS
     chosen: dict[frozenset[str], Start] = {}
     ranked = screened(problem, jobs, apart=False)
     for start in ranked:
         pair = frozenset(start.hypothesis.effects)
-        # In the mean a drift is another gain: its pairs have places of their own.
-        most = len(only) if only is not None else DRIFTS if DRIFTING in pair else PAIRS
+        # In the mean a drift is another gain: unless it explains most alone, its pairs have places of their own.
+        most = len(only) if only is not None else drifts if DRIFTING in pair else PAIRS
         if sum((DRIFTING in other) == (DRIFTING in pair) for other in chosen) < most:
             chosen.setdefault(pair, start)
     alike = {other for pair in list(chosen)[:SWAPPED] for other in resembling(pair)}
