@@ -17,6 +17,7 @@ from sim2real.search.fit import NOT_TOLD, Fit
 
 RINGS = 2.0  # times the responses of the windows beside it that of a window in which a plant rings has
 AWAY = (0.0, -1.0, 1.0, -2.0, 2.0)  # standard errors from the fitted probability at which the scatter is asked
+PARTS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 2.0, 4.0)  # of the fitted probability likewise, where no fit tells it
 DRAWS = 64  # of the scatter, whose mean powers tell where it is
 
 
@@ -35,8 +36,11 @@ def scatter_cost(problem: Problem, fit: Fit) -> float:
     if not at or not np.isfinite(fit.residual).all():
         return 0.0
     own, spread = fit.hypothesis.coordinates[at[0]], 0.0 if fit.jacobian is None else fit.spread[at[0]]
-    away = AWAY if 0 < spread < NOT_TOLD else (0.0,)
-    shares = ((own.value(float(fit.u[at[0]] + sd * spread)), sd**2) for sd in away)
+    fitted = float(fit.u[at[0]])
+    if spread >= NOT_TOLD:  # beside a lag, which may be any part of what is late
+        shares = [(own.value(part * fitted), 0.0) for part in PARTS]
+    else:
+        shares = [(own.value(fitted + sd * spread), sd**2) for sd in (AWAY if spread else (0.0,))]
     return min(scatter_cost_of(problem, lost, fit.residual) + off for lost, off in shares)
 
 

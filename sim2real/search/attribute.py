@@ -20,6 +20,7 @@ from sim2real.search.candidates import NO_GAP, Attribution, Candidate
 from sim2real.search.fit import Fit, above_noise
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import Hypothesis, single_effects, usual_tolerances
+from sim2real.search.lost_beside_lag import lost_beside_lag
 from sim2real.search.pairs import alone_again, fit_pairs
 from sim2real.search.shaping import shaped
 from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles
@@ -88,6 +89,7 @@ def attribute(
         progress("pairs of effects")
         pairs, singles = fit_pairs(problem, (untouched, calibration[0]), singles, pairs)
         pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
+        pairs = [*pairs, *lost_beside_lag(problem, singles, pairs)]
         singles = _one_of_each([*singles, *alone_again(problem, singles, pairs)])
         moved = sought_again(problem, [*singles, *pairs])
         singles, pairs = moved[: len(singles)], moved[len(singles) :]
