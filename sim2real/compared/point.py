@@ -8,8 +8,8 @@ import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
-from maglev_env.rig.drawn import scaled_rig
-from maglev_env.rig.rig import Rig, axis_rig
+from maglev_env.rig.drawn import scaled_rig, tangent
+from maglev_env.rig.rig import Rig, axis_rig, with_parameters
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 
@@ -21,6 +21,8 @@ OF_EACH_AXIS, APART = (
     "actuator_gain", "negative_stiffness", "probe_gain", "amplifier_time_constant", "sensor_time_constant",
     "support_stiffness", "support_damping",
 ), " of y beyond that of x"  # fmt: skip
+# What gain and stiffness of a pair of magnets are made of: of another one, both have another form.
+MADE_OF = ("bias_current", "gap")
 RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 # Sensor noise smooths hard nonlinearities (dithering). Limits are always smoothed; hysteresis and friction are smoothed
@@ -78,8 +80,16 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
             effects[known] = {**e.rig.effects.get(known, {}), "change": own + change + own * change}
     key = tuple(factors.items()), tuple(along_y.items())
     if key not in made:
-        made[key] = _unlike(scaled_rig(e.rig, factors) if factors else e.rig, along_y)
+        made[key] = _unlike(scaled_rig(_with_stated_tangent(e.rig, factors), factors) if factors else e.rig, along_y)
     return replace(e, rig=made[key], effects=effects, apart=apart)
+
+
+def _with_stated_tangent(rig: Rig, factors: Mapping[str, float]) -> Rig:
+    """The rig with gain and stiffness stated as its geometry gives them, where what they are made of is another form of
+    them and not a tolerance of its own, which they follow."""
+    if not any(name in factors and name not in rig.tolerance for name in MADE_OF):
+        return rig
+    return with_parameters(rig, {name: value for name, value in tangent(rig).items() if getattr(rig, name) is None})
 
 
 def _unlike(rig: Rig, along_y: Mapping[str, float]) -> Rig:

@@ -26,7 +26,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.compared.law_shape import possible
-from sim2real.compared.point import NOMINAL, Point, experiment_at
+from sim2real.compared.point import MADE_OF, NOMINAL, Point, experiment_at
 from sim2real.compared.simulated import Predictor
 from sim2real.compared.whole_gain import GAIN, STIFFNESS, both_forms
 from sim2real.recorded.nuisances import Nuisances
@@ -90,7 +90,7 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
     """Relative standard deviations of what gain and stiffness of a pair of magnets are made of, where it shows.
 
     Another bias current at the same gain and stiffness is another form of both, another gap one of the stiffness. Where
-    a rig does not state these but a geometry, they would follow from it, and be off by more than their tolerance.
+    a rig states a geometry instead, these are held at what that gives (`experiment_at`).
 
     Args:
         nuisances: Of the campaign, with the forms.
@@ -99,12 +99,13 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
     gain, stiffness = (rig.tolerance.get(name, 0.0) for name in (GAIN, STIFFNESS))
     by_name = dict(zip(nuisances.names, nuisances.columns, strict=True))
     forms = [by_name[name] for name in (OF + GAIN, OF + STIFFNESS) if name in by_name]
-    stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS))
+    apart = bool(rig.per_axis)  # their geometries differ, or what they state
+    stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS)) or not apart
     if not stated or "pair" not in rig.capabilities or max(map(np.linalg.norm, forms), default=0.0) < SHOWN:
         return {}
     # Stiffness over gain is bias current over gap. At a stated gain the pull goes with the bias current squared.
     either = float(np.hypot(gain, stiffness))
-    own = {"bias_current": either / 2, "gap": either}
+    own = dict(zip(MADE_OF, (either / 2, either), strict=True))
     return {n: sd for n, sd in own.items() if sd and getattr(rig, n) and n not in rig.tolerance}
 
 
