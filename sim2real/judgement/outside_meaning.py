@@ -2,8 +2,9 @@
 
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
-resonance, two modes of which one takes back what the other does, a stop that touches wherever the rotor is, iron that
-saturates far above every field, a zero of the current that is off by all of the bias, or a lag that is a delay.
+resonance or far above all that was driven, two modes of which one takes back what the other does, a stop that touches
+wherever the rotor is, iron that saturates far above every field, a zero of the current that is off by all of the bias,
+or a lag that is a delay.
 """
 
 from collections.abc import Collection, Mapping
@@ -41,13 +42,19 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
     if STOP in fit.hypothesis.effects and point.effects[STOP]["distance"] < least:
         return np.inf
     own = zip(fit.hypothesis.coordinates, fit.u, strict=False)
-    if any(EFFECTS[c.effect].parameters[c.parameter].within_bias and c.at_bound(float(u)) for c, u in own):
+    if any(_needs_room(c.effect, c.parameter) and c.at_bound(float(u)) for c, u in own):
         return np.inf
     if LAG in fit.hypothesis.effects and _is_delay(rig, point, fit.hypothesis.effects):
         return np.inf
     if KNEE in point.effects and _never_bends(rig, point.effects[KNEE], motion, current):
         return np.inf
     return _driving_cost(fit, rig)
+
+
+def _needs_room(effect: str, parameter: str) -> bool:
+    """Whether an effect has no meaning at a bound of this parameter: a zero that is off by all of the bias, or a mode so
+    far from all that was driven that it shows its static part alone, which many causes have."""
+    return EFFECTS[effect].parameters[parameter].within_bias or (effect in RESONANCES and parameter == "frequency")
 
 
 def _cancels(mode: Mapping[str, float]) -> bool:

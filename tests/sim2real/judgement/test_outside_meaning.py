@@ -43,11 +43,16 @@ def test_a_support_that_drives_the_rotor_costs_what_the_fit_loses_without_dampin
 
 @pytest.mark.parametrize("name", ["support_resonance", "sensor_resonance"])
 def test_a_mode_without_a_resonance_is_none(name):
+    """One that does not ring, or at the end of what can be fitted, where nothing of its frequency is seen."""
     h = Hypothesis((name,), {}, scales=RIG.scales)
-    at = [c.parameter for c in h.coordinates].index("damping_ratio")
-    for ratio, cost in ((0.9 * NO_RESONANCE, 0.0), (1.1 * NO_RESONANCE, np.inf)):
+    damping, frequency = ([c.parameter for c in h.coordinates].index(p) for p in ("damping_ratio", "frequency"))
+    most = h.coordinates[frequency].high
+    for ratio, at, cost in (
+        (0.9 * NO_RESONANCE, 0.9 * most, 0.0), (1.1 * NO_RESONANCE, 0.9 * most, np.inf),
+        (0.9 * NO_RESONANCE, most, np.inf),
+    ):  # fmt: skip
         u = np.array([c.at(max(c.low, 0.01) if c.scale is None else 0.01) for c in h.coordinates])
-        u[at] = np.log(ratio)
+        u[damping], u[frequency] = np.log(ratio), np.log(at)
         (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
         assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
 
