@@ -238,8 +238,9 @@ def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
 
 
 def _steeper(gap: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
-    """Factor on the pull of a magnet at a gap (m) by another exponent; 1 at the resting gap."""
-    return ((law.gap + law.shift) / (gap + law.shift)) ** law.exponent
+    """Factor on the pull of a magnet at a gap (m) by another exponent; 1 at the resting gap, nan beyond contact."""
+    with np.errstate(invalid="ignore"):
+        return ((law.gap + law.shift) / (gap + law.shift)) ** law.exponent
 
 
 @force.register
