@@ -286,6 +286,7 @@ def where_in_words(diagnosis: Diagnosis) -> tuple[str, ...]:
         "blocks: " + _shares({name.replace("+", " + "): share for name, share in where.blocks.items()}),
         "bands: " + _shares({f"{lo:.3g} .. {hi:.3g} Hz": share for lo, hi, share in bands}),
         "kind: " + (_shares(where.kind) if where.between else ALL_DRIVEN),
+        *(["axes: " + _shares(where.axes)] if where.axes else []),
     )
 
 

@@ -153,6 +153,7 @@ class Diagnosis:
                 "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in w.bands],
                 "kind": dict(w.kind),
                 "kind_told": w.between,
+                "axes": dict(w.axes),
                 "controller_distance": w.controller,
             },
             "which": which,

@@ -90,8 +90,8 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
     """Relative standard deviations of what gain and stiffness of magnets are made of, where it shows.
 
     Another bias current of a pair at the same gain and stiffness is another form of both, another gap one of the
-    stiffness. That of a single magnet is made of how its pull falls off. Where a rig states a geometry instead, gain and
-    stiffness are held at what that gives (`experiment_at`).
+    stiffness. That of a single magnet is made of how its pull falls off. Where a rig states a geometry instead, gain
+    and stiffness are held at what that gives (`experiment_at`).
 
     Args:
         nuisances: Of the campaign, with the forms.
@@ -109,11 +109,10 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
         either = float(np.hypot(gain, stiffness))
         own = dict(zip(MADE_OF, (either / 2, either), strict=True))
     else:
-        # A weight is carried at the stiffness n m g / (gap + offset), or m g / length.
-        near = (rig.gap + rig.gap_offset) / rig.gap_offset if rig.gap_offset else 0.0
-        own = dict(zip(MADE_OF_ONE, (stiffness * near, stiffness, stiffness), strict=True))
-    known = {n: sd for n, sd in own.items() if sd and getattr(rig, n) and n not in rig.tolerance}
-    return known if "pair" in rig.capabilities else dict([*known.items()][:1])
+        # A weight is carried at the stiffness n m g / (gap + offset), or m g / length: any of these is as good.
+        name = next((n for n in MADE_OF_ONE if getattr(rig, n)), MADE_OF_ONE[0])
+        own = {name: stiffness * (1 + rig.gap / rig.gap_offset if rig.gap_offset else 1.0)}
+    return {n: sd for n, sd in own.items() if sd and getattr(rig, n) and n not in rig.tolerance}
 
 
 def form_nuisances(

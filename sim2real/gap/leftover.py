@@ -84,6 +84,7 @@ class Leftover:
             "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in w.bands],
             "kind": dict(w.kind),
             "kind_told": w.between,
+            "axes": dict(w.axes),
             "channels": dict(self.channels),
             "recordings": [
                 {

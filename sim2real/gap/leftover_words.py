@@ -74,7 +74,8 @@ def leftover_lines(left: Leftover) -> list[str]:
     bands = {f"{lo:.3g} .. {hi:.3g} Hz": share for lo, hi, share in left.where.bands}
     kind = _listed(left.where.kind) if left.where.between else ALL_DRIVEN
     lines.append(f"What is left by channel: {_listed(left.channels)}; by block: {_listed(blocks)}; "
-                 f"by band: {_listed(bands)}; by kind of line: {kind}.")  # fmt: skip
+                 f"by band: {_listed(bands)}; by kind of line: {kind}"
+                 f"{f'; by axis: {_listed(left.where.axes)}' if left.where.axes else ''}.")  # fmt: skip
     own = [
         f"{r.name} ({quantity(r.motion, None, 'm')} rms) {percent(r.share)}" + (f", {_when(r)}" if r.share else "")
         for r in left.recordings

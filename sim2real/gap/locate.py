@@ -1,10 +1,11 @@
 """Where the gap lies: in which block of the loop, which band, which kind of lines, and what is unsynchronised."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from maglev_env.loop.axes import AXES
 from maglev_env.loop.gains import linear_ones
 from sim2real.compared.line_kinds import KINDS
 from sim2real.compared.problem import Part, Problem
@@ -36,6 +37,7 @@ class Where:
             resolution; None where no command was recorded, or where it does not follow from the recorded channels.
         between: Whether enough lines between the excited ones are compared for the kind to be told: where all are
             excited, what is not linear shows on these.
+        axes: Share of the motion along each of two axes; empty with one.
     """
 
     blocks: Mapping[str, float]
@@ -44,6 +46,7 @@ class Where:
     significant: bool
     controller: float | None
     between: bool = True
+    axes: Mapping[str, float] = field(default_factory=dict)
 
 
 def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) -> Where:
@@ -85,6 +88,7 @@ def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) 
         significant,
         controller_distance(problem),
         float(np.mean(~linear & ~rest)) >= FEW_BETWEEN,
+        _shares(_axes(problem, gain)),
     )
 
 
@@ -92,6 +96,17 @@ def _shares(parts: Mapping[str, float]) -> dict[str, float]:
     positive = {name: max(float(v), 0.0) for name, v in parts.items()}
     total = sum(positive.values())
     return {name: v / total if total > 0 else 0.0 for name, v in positive.items()}
+
+
+def _axes(problem: Problem, gain: np.ndarray) -> dict[str, float]:
+    """Cost of each of two axes; empty with one."""
+    if problem.parts[0].record.axes == 1:
+        return {}
+    own = [
+        gain[part.place].reshape((*part.measured.shape[:2], -1))[part.opened.outputs.index("plant")].sum(axis=1)
+        for part in problem.parts
+    ]
+    return dict(zip(AXES, map(float, np.sum(own, axis=0)), strict=True))
 
 
 def _blocks(problem: Problem, residual: np.ndarray, kept: np.ndarray) -> dict[str, float]:

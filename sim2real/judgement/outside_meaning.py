@@ -52,8 +52,11 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
 
 
 def _needs_room(effect: str, parameter: str) -> bool:
-    """Whether an effect has no meaning at a bound of this parameter: a zero that is off by all of the bias, or a mode so
-    far from all that was driven that it shows its static part alone, which many causes have."""
+    """Whether an effect has no meaning at a bound of this parameter.
+
+    A zero is then off by all of the bias, or a mode so far from all that was driven that it shows its static part
+    alone, which many causes have.
+    """
     return EFFECTS[effect].parameters[parameter].within_bias or (effect in RESONANCES and parameter == "frequency")
 
 

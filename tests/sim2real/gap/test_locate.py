@@ -87,9 +87,18 @@ def test_blocks_whose_channels_are_missing_are_told_together(tmp_path):
     assert pedestal.blocks == {RECEPTANCE: 1.0} and pedestal.controller is None
 
 
+def test_what_is_off_along_one_axis_alone_is_said_to_lie_there(tmp_path):
+    """A probe of y that reads 20 % too much, in recordings that drive both axes alike."""
+    rig, half = load_rig("hmb_radial"), effect("sensor_gain", np.sqrt(1.2) - 1)  # the rest is apart, to both sides
+    rows = [(p.name, p.role, replace(p.experiment, apart={"sensor_gain": 0.2})) for p in planned(rig, half, ONE)]
+    found = where(assemble(read_records(write(tmp_path, rows, "hmb_radial"))[1]))
+    assert found.axes["y"] > 0.95 and sum(found.axes.values()) == pytest.approx(1.0)
+    assert any(line.startswith("axes: y ") for line in where_in_words(SimpleNamespace(where=found)))
+
+
 def test_without_a_gap_nothing_is_significant(quiet):
     found = where(quiet)
-    assert not found.significant and found.controller < 2
+    assert not found.significant and found.controller < 2 and not found.axes
 
 
 def test_a_band_holds_its_resonance(tmp_path):
