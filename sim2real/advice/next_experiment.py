@@ -6,11 +6,13 @@ from itertools import combinations
 
 import numpy as np
 
+from sim2real.advice.made_already import made_already
 from sim2real.advice.proposal import Choice, Plan, Proposal
 from sim2real.advice.recording_menu import menu
 from sim2real.advice.separation import Differences, differences, separation
 from sim2real.advice.slower_rotation import slower
 from sim2real.compared.problem import Part
+from sim2real.compared.reached import moved
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.sightings import Sighting
 from sim2real.judgement.verdict import CLASS_SHARE, alternatives, with_effects
@@ -34,6 +36,7 @@ SHOWS = {
     "amplitude": "what is linear stays as it is, a limit, a law or a dead band does not",
     "offset": "shows whether it depends on where the rotor is",
     "gains": "shows whether it depends on the loop",
+    "excitation": "shows how it goes with the frequency",
 }
 
 
@@ -64,16 +67,21 @@ def propose(
 
 
 def _base(attribution: Attribution) -> Part:
+    """The recording that others are made after: the loudest with a period, else the loudest."""
     parts = attribution.problem.parts
-    return next((part for part in parts if isinstance(part.record, Record)), attribution.problem.loudest)
+    return max([p for p in parts if isinstance(p.record, Record)] or parts, key=lambda part: moved(part.record))
 
 
 def _of_the_unknown(attribution: Attribution) -> Plan | None:
-    """What shows where an unknown cause acts, and of what it depends; nothing predicts how much."""
-    base = _base(attribution)
+    """What shows where an unknown cause acts, and of what it depends; nothing predicts how much.
+
+    What was varied already is not asked for, unless all of it was.
+    """
+    base, made = _base(attribution), made_already([part.record for part in attribution.problem.parts])
     items = menu(base.record)
     kinds = {kind: item for item in reversed(items) for kind in item.change}
-    asked = [(kinds[kind], why) for kind, why in SHOWS.items() if kind in kinds][:MOST]
+    able = [(kind, kinds[kind], why) for kind, why in SHOWS.items() if kind in kinds]
+    asked = [(item, why) for kind, item, why in able if kind not in made or made >= {own for own, *_ in able}][:MOST]
     found = (Proposal(i.what, why, i.effort, None, i.change, base.record.name) for i, why in asked)
     return Plan(tuple(found), tuple(Choice(i.what, i.effort, None, i.change) for i in items)) if asked else None
 

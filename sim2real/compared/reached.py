@@ -19,8 +19,13 @@ def current_reached(problem: Problem) -> float:
 
 def motion_reached(problem: Problem) -> float:
     """Largest deviation, m, of the displacement from its mean in any recording."""
-    series = [part.record.series["displacement"] for part in problem.parts]
-    return max(float(np.max(abs(y - y.mean(axis=1, keepdims=True)))) for y in series)
+    return max(moved(part.record) for part in problem.parts)
+
+
+def moved(record: Record | OpenRecord) -> float:
+    """Largest deviation, m, of the displacement from its mean in a recording."""
+    y = record.series["displacement"]
+    return float(np.max(abs(y - y.mean(axis=1, keepdims=True))))
 
 
 def _command(record: Record | OpenRecord) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from sim2real.advice import next_experiment as own
 from sim2real.advice import separation, slower_rotation
+from sim2real.advice.made_already import made_already
 from sim2real.advice.recording_menu import Item
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.sightings import Sighting
@@ -29,14 +30,19 @@ def simulator(rows):
     return simulate
 
 
+def recorded(name, motion=1.0, place=0.0, gains=1.0):
+    """What advice needs of a recording, in a gap of 1 m."""
+    series = {"displacement": np.array([[place - 0.1 * motion, place + 0.1 * motion]])}
+    nominal, experiment = SimpleNamespace(gap=1.0), SimpleNamespace(gains=gains)
+    return SimpleNamespace(name=name, series=series, nominal=nominal, experiment=experiment)
+
+
 @pytest.fixture
 def asked(monkeypatch):
     """Asks for a recording between the three effects, of which the second and the third are least unlike in it."""
     drawn = np.random.default_rng(4).standard_normal((4, 40, 2)) @ (1, 1j)
     simulate = simulator(np.array([drawn[0], drawn[1], drawn[1] + 0.2 * drawn[2]]))
-    problem = SimpleNamespace(
-        parts=(), data=drawn[3], simulate=simulate, loudest=SimpleNamespace(record=SimpleNamespace(name="a.npz"))
-    )
+    problem = SimpleNamespace(parts=(SimpleNamespace(record=recorded("a.npz")),), data=drawn[3], simulate=simulate)
     fits = begin([Hypothesis((n,), {}) for n in NAMES], [np.full(1, 5.0)] * 3, problem.data, simulate)
     differentiate(fits[:2], problem.data, simulate, True)
     calibration = begin([Hypothesis((), {})], [np.zeros(0)], problem.data, simulate)
@@ -138,12 +144,26 @@ def test_what_adds_nothing_is_not_asked_for():
 def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(monkeypatch):
     kinds = ({"amplitude": 2.0}, {"channels": ["current"]}, {"gains": [0.8, 1.3]}, {"excitation": {}})
     monkeypatch.setattr(own, "menu", lambda _: [Item(str(k), 1.0, None, ("plant",), k) for k in kinds])
-    part = SimpleNamespace(record=SimpleNamespace(name="a.npz"))
-    plan = own.propose(SimpleNamespace(problem=SimpleNamespace(parts=(), loudest=part)), [], [], unknown=True)
-    assert [tuple(p.change) for p in plan.proposals] == [("channels",), ("amplitude",), ("gains",)]
-    assert [c.change for c in plan.menu] == list(kinds) and all(
-        p.expected_separation is None and p.of == "a.npz" for p in plan.proposals
-    )
+    rest = recorded("rest.npz", 0.01)
+
+    def asked_of(*records) -> list[str]:
+        problem = SimpleNamespace(parts=tuple(SimpleNamespace(record=r) for r in (rest, *records)))
+        plan = own.propose(SimpleNamespace(problem=problem), [], [], unknown=True)
+        assert [c.change for c in plan.menu] == list(kinds)
+        assert all(p.expected_separation is None and p.of == "a.npz" for p in plan.proposals)
+        return [next(iter(p.change)) for p in plan.proposals]
+
+    once = recorded("a.npz")
+    assert asked_of(once) == ["channels", "amplitude", "gains"]
+    assert asked_of(once, recorded("half.npz", 0.5)) == ["channels", "gains", "excitation"]
+    assert asked_of(once, recorded("other.npz", 0.9, gains=2.0)) == ["channels", "amplitude", "excitation"]
+
+
+def test_what_was_varied_already_is_known():
+    once = recorded("a.npz")
+    assert made_already([recorded("rest.npz", 0.01), once]) == frozenset()
+    assert made_already([once, recorded("b.npz", 0.9, place=0.06)]) == {"offset"}
+    assert made_already([once, recorded("b.npz", 0.3, gains=2.0)]) == {"amplitude", "gains"}
 
 
 def test_what_nothing_tells_apart_is_said_and_does_not_hide_what_can_be_told(asked, monkeypatch):

@@ -1,0 +1,27 @@
+"""In what the recordings of a campaign differ already: there is no need to ask for that again."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim2real.compared.reached import moved
+from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
+
+LOUDER = 1.8  # times the motion of a recording that of another one with another amplitude
+AT_REST = 0.05  # share of the largest motion below which nothing drives a recording
+ELSEWHERE = 0.05  # share of the gap between the means of two recordings at different places
+
+
+def made_already(records: Sequence[Record | OpenRecord]) -> frozenset[str]:
+    """Kinds of change (see `recording_menu.Item`) among recordings: "amplitude", "offset" and "gains"."""
+    motions = [motion for motion in map(moved, records) if motion > AT_REST * max(map(moved, records))]
+    means = np.array([r.series["displacement"].mean(axis=1) for r in records])
+    found = set()
+    if max(motions) >= LOUDER * min(motions):
+        found.add("amplitude")
+    if np.ptp(means, axis=0).max() >= ELSEWHERE * records[0].nominal.gap:
+        found.add("offset")
+    if any(r.experiment.gains != records[0].experiment.gains for r in records):
+        found.add("gains")
+    return frozenset(found)
