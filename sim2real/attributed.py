@@ -13,9 +13,10 @@ import numpy as np
 
 from estimation.lines.tones import Tone
 from sim2real.compared.bench_noise import BenchNoise
-from sim2real.compared.open_tones import resolution_of, toned
+from sim2real.compared.open_tones import toned
 from sim2real.compared.problem import Problem
 from sim2real.compared.stated_noise import STATED, louder_than_stated
+from sim2real.compared.tones_left import resolution_of
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import evidence_of
 from sim2real.judgement.judge import reach

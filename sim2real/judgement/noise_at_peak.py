@@ -10,8 +10,8 @@ from estimation.lines.tones import FALSE_ALARM, NEIGHBOURS, Tone
 from maglev_env.experiment import Experiment, axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.loop.effect import EFFECTS
-from sim2real.compared.open_tones import resolution_of
 from sim2real.compared.point import Point, experiment_at
+from sim2real.compared.tones_left import resolution_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 

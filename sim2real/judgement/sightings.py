@@ -10,9 +10,10 @@ from estimation.lines.tones import Tone, tone_at
 from maglev_env.experiment import axis_experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.rig.rig import Rig
-from sim2real.compared.open_tones import bins_off, log_chances, residual_of, resolution_of, stands_out, tones_in
+from sim2real.compared.open_tones import bins_off
 from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
+from sim2real.compared.tones_left import log_chances, residual_of, resolution_of, stands_out, tones_in
 from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop

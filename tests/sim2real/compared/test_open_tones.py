@@ -13,22 +13,26 @@ from estimation.lines.tones import Tone
 from sim2real.compared import open_tones
 from sim2real.compared.distortion import distorted, driving_sines, pattern_rate
 from sim2real.compared.open_tones import (
-    Residual,
     _as_told_better,
-    _taken_out,
     agreed,
     frequency_sd,
-    log_chances,
     nuisance_columns,
-    residual_of,
-    stands_out,
     toned,
-    tones_in,
     with_tones,
     without_tones_of_others,
 )
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
+from sim2real.compared.tones_left import (
+    Residual,
+    lines_of,
+    log_chances,
+    residual_of,
+    stands_out,
+    strongest_near,
+    taken_out,
+    tones_in,
+)
 from sim2real.judgement.sightings import FOREIGN, _between
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import tone_lines
@@ -115,10 +119,10 @@ def test_the_frequency_of_a_tone_scatters_as_stated(read, level):
     at = 161.3 * record.windows.samples / record.windows.sample_rate
     for phase in rng.uniform(0, 2 * np.pi, 150):
         tone = Tone(161.3, {"opened": level * np.exp(1j * phase) * np.ones(1)}, 1.0)
-        lines = open_tones._lines_of(residual, tone)
+        lines = lines_of(residual, tone)
         noise = rng.normal(size=(2, *lines.shape)) * abs(lines).max() / 10
         noisy = replace(residual, lines=lines + noise[0] + 1j * noise[1])
-        found, _ = _taken_out(noisy, open_tones._strongest_near(noisy, at, 0.5))
+        found, _ = taken_out(noisy, strongest_near(noisy, at, 0.5))
         off.append((found.frequency - 161.3) / frequency_sd(record, found))
     assert 0.6 < np.std(off) < 1.5
 
@@ -249,7 +253,7 @@ def test_the_record_that_tells_a_frequency_best_tells_it_for_all(read, chi2, mov
     record = read(Bench(tone=10 * TONE), "noise")
     (tone,) = with_tones(record).tones
     spacing = record.windows.sample_rate / record.windows.samples
-    beside, left = _taken_out(residual_of(record, Point({}, {})), tone.frequency / spacing + 0.05)
+    beside, left = taken_out(residual_of(record, Point({}, {})), tone.frequency / spacing + 0.05)
     one = replace(record, tones=(beside,))
     other = replace(record, tones=(replace(tone, chi2=chi2),))
     found, cleared = _as_told_better(one, left, [one, other])
