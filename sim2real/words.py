@@ -9,6 +9,7 @@ AT_BOUND, NOT_TOLD = "at its bound, not identified", "not identified"
 _DIGITS = 4
 LARGE = 1e6  # from which a value has a power of ten, in units without a prefix
 DUST = 1e-9  # below which a number without a unit is what rounding leaves of 0
+LOST = 1e-2  # standard errors below which a value is lost in its error, which then has the unit
 UNTOLD = 3.0  # standard errors over the value from which on a size says nothing
 NO_ERROR = 1e-8  # of the value: a smaller standard error belongs to a parameter that the recordings do not determine
 
@@ -33,7 +34,7 @@ def quantity(value: float, se: float | None, unit: str, is_change: bool = False)
         return f"{_with_se(100 * value, se and 100 * se, '+')} %"
     if not unit and abs(value) < DUST:
         value = 0.0
-    factor, shown = prefixed(value or se or 0.0, unit)
+    factor, shown = prefixed(value if abs(value) > LOST * (se or 0.0) else se or 0.0, unit)
     return f"{_with_se(value * factor, se and se * factor)} {shown}".rstrip()
 
 
@@ -57,6 +58,7 @@ def _with_se(value: float, se: float | None, sign: str = "") -> str:
         places = min(places, _DIGITS - 1 - floor(log10(abs(value))))
     places = max(places, 0)
     error = f"{se:.{places}f}" if float(f"{se:.{places}f}") else f"{se:.1g}"
+    value = value if round(value, places) else 0.0  # not "-0.0"
     return f"{value:{sign}.{places}f} +- {error}"
 
 
