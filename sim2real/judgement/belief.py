@@ -38,7 +38,8 @@ class Belief:
         group_cost: Cost of such a correction.
         unknown_cost: Log odds against an unknown cause where no group is left unexplained.
         unknown_alike: The same where what explains describes a law of force (`EffectCard.describes`), which unknown
-            causes have, too: a seal is a spring, and a film of fluid a damper.
+            causes have, too: a seal is a spring, and a film of fluid a damper. Of 88 that were named in two sealed
+            sets, 25 were unknown causes, and of 108 others one.
         parameter_cost: Cost of each parameter of an effect beyond its first, which noise alone lets it save.
         search_cost: The same for searching a frequency.
         form_cost: Penalty on a form that may leave more than WIDE_FORM of the gap, per factor e, because it predicts
@@ -54,7 +55,7 @@ class Belief:
     group_sd: float = 4.5
     group_cost: float = 30.0
     unknown_cost: float = 2.6
-    unknown_alike: float = 2.6
+    unknown_alike: float = 1.0
     parameter_cost: float = 4.0
     search_cost: float = 10.0
     form_cost: float = 1.0

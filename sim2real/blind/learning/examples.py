@@ -7,15 +7,12 @@ from pathlib import Path
 
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
-from sim2real.blind.benchmark.scores import rivals_of
 from sim2real.blind.cases import ANSWERS, CAMPAIGNS, Case, named, open_labels
 from sim2real.judgement.belief import Judge
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.evidence_json import evidence_from_json
 from sim2real.judgement.judge import Entry, entries
 from sim2real.judgement.mechanisms import by_mechanism
-
-SHOWN = 1.0  # multiples of the detection threshold from which on an effect counts as one
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,8 @@ class Example:
 def examples_of(folders: Sequence[Path]) -> list[Example]:
     """Examples of answered sets of the benchmark, in order.
 
-    Left out are effects too small to show, what an oracle says that no method could tell, and failed answers.
+    Failed answers are left out. Effects too small to show, and what no method could tell, teach how often there is
+    something that is not seen: without them a judge is too sure on campaigns as they come.
 
     Raises:
         ValueError: An answer holds no evidence, or none that can be read.
@@ -58,7 +56,7 @@ def examples_of(folders: Sequence[Path]) -> list[Example]:
     for folder in folders:
         for case in open_labels(folder):
             data = json.loads((folder / ANSWERS / f"{case.id}.json").read_text())
-            if "error" in data or not _tellable(case):
+            if "error" in data:
                 continue
             evidence = data["diagnosis"].get("evidence")
             if evidence is None:
@@ -70,11 +68,6 @@ def examples_of(folders: Sequence[Path]) -> list[Example]:
                 raise ValueError(f"{folder / ANSWERS}/{case.id}.json: {error}") from None
             found.append(Example(family_of(case, rig), truth_of(case, rig), read, rig, data["version"]))
     return found
-
-
-def _tellable(case: Case) -> bool:
-    small = case.size is not None and case.size < SHOWN
-    return not small and not rivals_of(case)
 
 
 def family_of(case: Case, rig: Rig) -> str:
