@@ -158,7 +158,7 @@ def test_the_whole_loop_is_that_of_the_slow_simulator(case):
 @pytest.mark.slow
 def test_commands_pass_the_converter_count_for_count():
     e = quiet(excited(sensing()))
-    e = replace(e, rig=replace(e.rig, dac_bits=14))
+    e = replace(e, rig=replace(e.rig, dac_bits=14, rounds=True))
     slow, record = simulate_slowly(e, 200), simulate_records([e])[0][:, :200]
     # Later a command falls so close to the middle of two counts that 1e-10 m decide.
     np.testing.assert_allclose(channel(e, record, "command"), slow.command, rtol=0, atol=1e-12)

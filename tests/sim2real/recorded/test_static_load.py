@@ -12,6 +12,7 @@ from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import experiment_near, lanes_of, series_at
 from sim2real.compared.tolerance_forms import form_nuisances
 from sim2real.diagnosis import diagnose
+from sim2real.judgement.belief import shipped
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
 from sim2real.search import attribute
@@ -185,7 +186,11 @@ def test_beside_the_centre_a_stiffer_spring_is_not_the_magnets_stiffness(tmp_pat
     few = ("support_stiffness", "negative_stiffness", "actuator_gain", "cubic_spring", "eccentricity", "mass", "delay")
     monkeypatch.setattr(attribute, "single_effects", lambda rig: few)
     found = diagnose(_held_aside(tmp_path, 8e-5))
-    assert found.cause == ("support_stiffness",) and found.which[0].probability > 0.85  # under the nominal load 0.78
+    assert found.cause == ("support_stiffness",)
+    # Nothing speaks for an unknown cause but that it is one of a spring in so many campaigns.
+    by_effects, judge = {e.effects: e.probability for e in found.which}, shipped()
+    alike = np.exp(-judge.trust["current"] * judge.belief.unknown_alike)
+    assert by_effects[("unknown",)] / by_effects[found.cause] == pytest.approx(alike, rel=0.03)
 
 
 @pytest.mark.parametrize("load", [25.0, 0.0])
