@@ -21,10 +21,8 @@ OF_EACH_AXIS, APART = (
     "actuator_gain", "negative_stiffness", "probe_gain", "amplifier_time_constant", "sensor_time_constant",
     "support_stiffness", "support_damping",
 ), " of y beyond that of x"  # fmt: skip
-# What gain and stiffness of a pair of magnets are made of, and the stiffness of a single one: of another one, they have
-# another form.
+# What gain and stiffness of a pair of magnets are made of: of another one, both have another form.
 MADE_OF = ("bias_current", "gap")
-MADE_OF_ONE = ("gap_offset", "force_length", "force_exponent")
 RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 # Sensor noise smooths hard nonlinearities (dithering). Limits are always smoothed; hysteresis and friction are smoothed
@@ -89,7 +87,7 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
 def _with_stated_tangent(rig: Rig, factors: Mapping[str, float]) -> Rig:
     """The rig with gain and stiffness stated as its geometry gives them, where what they are made of is another form of
     them and not a tolerance of its own, which they follow."""
-    if not any(name in factors and name not in rig.tolerance for name in (*MADE_OF, *MADE_OF_ONE)):
+    if "pair" not in rig.capabilities or not any(name in factors and name not in rig.tolerance for name in MADE_OF):
         return rig
     return with_parameters(rig, {name: value for name, value in tangent(rig).items() if getattr(rig, name) is None})
 

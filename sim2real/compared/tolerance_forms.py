@@ -26,7 +26,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
 from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.compared.law_shape import possible
-from sim2real.compared.point import MADE_OF, MADE_OF_ONE, NOMINAL, Point, experiment_at
+from sim2real.compared.point import MADE_OF, NOMINAL, Point, experiment_at
 from sim2real.compared.simulated import Predictor
 from sim2real.compared.whole_gain import GAIN, STIFFNESS, both_forms
 from sim2real.recorded.nuisances import Nuisances
@@ -87,11 +87,10 @@ def tolerance_forms(
 
 
 def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
-    """Relative standard deviations of what gain and stiffness of magnets are made of, where it shows.
+    """Relative standard deviations of what gain and stiffness of a pair of magnets are made of, where it shows.
 
-    Another bias current of a pair at the same gain and stiffness is another form of both, another gap one of the
-    stiffness. That of a single magnet is made of how its pull falls off. Where a rig states a geometry instead, gain
-    and stiffness are held at what that gives (`experiment_at`).
+    Another bias current at the same gain and stiffness is another form of both, another gap one of the stiffness. Where
+    a rig states a geometry instead, gain and stiffness are held at what that gives (`experiment_at`).
 
     Args:
         nuisances: Of the campaign, with the forms.
@@ -102,16 +101,11 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
     forms = [by_name[name] for name in (OF + GAIN, OF + STIFFNESS) if name in by_name]
     apart = bool(rig.per_axis)  # their geometries differ, or what they state
     stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS)) or not apart
-    if not stated or max(map(np.linalg.norm, forms), default=0.0) < SHOWN:
+    if not stated or "pair" not in rig.capabilities or max(map(np.linalg.norm, forms), default=0.0) < SHOWN:
         return {}
-    if "pair" in rig.capabilities:
-        # Stiffness over gain is bias current over gap. At a stated gain the pull goes with the bias current squared.
-        either = float(np.hypot(gain, stiffness))
-        own = dict(zip(MADE_OF, (either / 2, either), strict=True))
-    else:
-        # A weight is carried at the stiffness n m g / (gap + offset), or m g / length: any of these is as good.
-        name = next((n for n in MADE_OF_ONE if getattr(rig, n)), MADE_OF_ONE[0])
-        own = {name: stiffness * (1 + rig.gap / rig.gap_offset if rig.gap_offset else 1.0)}
+    # Stiffness over gain is bias current over gap. At a stated gain the pull goes with the bias current squared.
+    either = float(np.hypot(gain, stiffness))
+    own = dict(zip(MADE_OF, (either / 2, either), strict=True))
     return {n: sd for n, sd in own.items() if sd and getattr(rig, n) and n not in rig.tolerance}
 
 
