@@ -15,10 +15,11 @@ ELSEWHERE = 0.05  # share of the gap between the means of two recordings at diff
 
 def made_already(records: Sequence[Record | OpenRecord]) -> frozenset[str]:
     """Kinds of change (see `recording_menu.Item`) among recordings: "amplitude", "offset" and "gains"."""
-    motions = [motion for motion in map(moved, records) if motion >= AT_REST * max(map(moved, records))]
+    motions = np.array([moved(r) for r in records])
+    driven = motions[motions >= AT_REST * motions.max()]
     means = np.array([r.series["displacement"].mean(axis=1) for r in records])
     found = set()
-    if max(motions) >= LOUDER * min(motions):
+    if driven.max() >= LOUDER * driven.min():
         found.add("amplitude")
     if np.ptp(means, axis=0).max() >= ELSEWHERE * records[0].nominal.gap:
         found.add("offset")

@@ -81,8 +81,8 @@ def _of_the_unknown(attribution: Attribution) -> Plan | None:
     items = menu(base.record)
     kinds = {kind: item for item in reversed(items) for kind in item.change}
     able = [(kind, kinds[kind], why) for kind, why in SHOWS.items() if kind in kinds]
-    asked = [(item, why) for kind, item, why in able if kind not in made or made >= {own for own, *_ in able}][:MOST]
-    found = (Proposal(i.what, why, i.effort, None, i.change, base.record.name) for i, why in asked)
+    asked = ([row for row in able if row[0] not in made] or able)[:MOST]
+    found = (Proposal(i.what, why, i.effort, None, i.change, base.record.name) for _, i, why in asked)
     return Plan(tuple(found), tuple(Choice(i.what, i.effort, None, i.change) for i in items)) if asked else None
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from maglev_env.experiment import Experiment
 from maglev_env.loop.effect import EFFECTS, Effects, effect_value, meaningful
-from maglev_env.rig.drawn import scaled_rig, tangent
-from maglev_env.rig.rig import Rig, axis_rig, with_parameters
+from maglev_env.rig.drawn import TANGENT, scaled_rig
+from maglev_env.rig.rig import Rig, axis_rig
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 
@@ -89,7 +89,7 @@ def _with_stated_tangent(rig: Rig, factors: Mapping[str, float]) -> Rig:
     them and not a tolerance of its own, which they follow."""
     if "pair" not in rig.capabilities or not any(name in factors and name not in rig.tolerance for name in MADE_OF):
         return rig
-    return with_parameters(rig, {name: value for name, value in tangent(rig).items() if getattr(rig, name) is None})
+    return scaled_rig(rig, dict.fromkeys(TANGENT, 1.0))
 
 
 def _unlike(rig: Rig, along_y: Mapping[str, float]) -> Rig:

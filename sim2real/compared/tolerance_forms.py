@@ -99,9 +99,12 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
     gain, stiffness = (rig.tolerance.get(name, 0.0) for name in (GAIN, STIFFNESS))
     by_name = dict(zip(nuisances.names, nuisances.columns, strict=True))
     forms = [by_name[name] for name in (OF + GAIN, OF + STIFFNESS) if name in by_name]
-    apart = bool(rig.per_axis)  # their geometries differ, or what they state
-    stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS)) or not apart
-    if not stated or "pair" not in rig.capabilities or max(map(np.linalg.norm, forms), default=0.0) < SHOWN:
+    stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS))
+    if (
+        (rig.per_axis and not stated)
+        or "pair" not in rig.capabilities
+        or max(map(np.linalg.norm, forms), default=0.0) < SHOWN
+    ):
         return {}
     # Stiffness over gain is bias current over gap. At a stated gain the pull goes with the bias current squared.
     either = float(np.hypot(gain, stiffness))

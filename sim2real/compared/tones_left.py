@@ -197,7 +197,7 @@ def compared(record: OpenRecord, lines: np.ndarray) -> np.ndarray:
 def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
     """Whether frequencies (n,) are of no known origin and so near a lightly damped mode of the nominal loop that its
     ringing, which no drive explains smoothly, might pass for a tone there."""
-    e, w = record.experiment, record.windows
+    e = record.experiment
     poles = closed_loop_poles(e).astype(complex)
     poles = np.log(poles[poles != 0]) * e.rig.control_rate
     light = poles[(poles.imag > 0) & (abs(poles.real) < LIGHT * abs(poles))]
@@ -205,7 +205,7 @@ def _ringing(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
     for pole in light:
         near |= abs(np.log2(2 * np.pi * frequency / abs(pole))) < RINGING
     for i in np.flatnonzero(near):
-        near[i] = origin(float(frequency[i]), e.speed_rpm, w.sample_rate / w.samples) is None
+        near[i] = origin(float(frequency[i]), e.speed_rpm, resolution_of(record)) is None
     return near
 
 
@@ -213,7 +213,7 @@ def _of_the_drive(record: OpenRecord, frequency: np.ndarray) -> np.ndarray:
     """Whether a tone at frequencies (n,), Hz, is more likely made by the loop of the sines that drive it."""
     made = distorted(record, frequency)
     often = distorted(record, frequency, COMMON) if made.any() else made
-    spacing = record.windows.sample_rate / record.windows.samples
+    spacing = resolution_of(record)
     for i in np.flatnonzero(made & ~often):
         made[i] = origin(float(frequency[i]), record.experiment.speed_rpm, spacing) is None
     return made

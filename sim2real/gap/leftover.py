@@ -74,17 +74,12 @@ class Leftover:
 
     def to_json(self) -> dict[str, Any]:
         """SI; nan becomes None where JSON is written."""
-        w = self.where
         return {
             "effects": list(self.effects),
             "parameters": {name: dict(values) for name, values in self.parameters.items()},
             "share_left": self.share,
             "figures": None if self.figures is None else asdict(self.figures),
-            "blocks": dict(w.blocks),
-            "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in w.bands],
-            "kind": dict(w.kind),
-            "kind_told": w.between,
-            "axes": dict(w.axes),
+            **self.where.to_json(),
             "channels": dict(self.channels),
             "recordings": [
                 {

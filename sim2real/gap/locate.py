@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,16 @@ class Where:
     controller: float | None
     between: bool = True
     axes: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """The shares, and whether that of the kinds is told."""
+        return {
+            "blocks": dict(self.blocks),
+            "bands": [{"f_lo": lo, "f_hi": hi, "share": share} for lo, hi, share in self.bands],
+            "kind": dict(self.kind),
+            "kind_told": self.between,
+            "axes": dict(self.axes),
+        }
 
 
 def locate(problem: Problem, residual: np.ndarray, unsynchronised: float = 0.0) -> Where:

@@ -191,6 +191,7 @@ def test_beside_the_centre_a_stiffer_spring_is_not_the_magnets_stiffness(tmp_pat
     by_effects, judge = {e.effects: e.probability for e in found.which}, shipped()
     alike = np.exp(-judge.trust["current"] * judge.belief.unknown_alike)
     assert by_effects[("unknown",)] / by_effects[found.cause] == pytest.approx(alike, rel=0.03)
+    assert by_effects[("unknown",)] + by_effects[found.cause] > 0.99
 
 
 @pytest.mark.parametrize("load", [25.0, 0.0])

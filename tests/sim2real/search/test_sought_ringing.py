@@ -52,3 +52,14 @@ def test_one_that_rings_stays_as_it_is():
     loop = Loop(2e-4, 123.0, 0.03, 0.01)
     (there,) = begin([PAIR], [at(2e-4, 100.0, 0.05, 0.01)], loop.data, loop.simulate)
     assert ringing(loop, [there]) == [there]
+
+
+def test_the_best_that_do_not_ring_are_sought_however_many_that_ring_are_better():
+    loop = Loop(2e-4, 123.0, 0.03, 0.01)
+    better = begin(
+        [PAIR] * 3, [at(2e-4, 123.0, 0.03, size) for size in (0.01, 0.0101, 0.0102)], loop.data, loop.simulate
+    )
+    (stuck,) = begin([PAIR], [at(2e-4, 18.0, 0.69, -0.01)], loop.data, loop.simulate)
+    assert stuck.cost > max(f.cost for f in better)
+    *kept, found = ringing(loop, [*better, stuck])
+    assert kept == better and found.cost < 1.0
