@@ -19,7 +19,7 @@ from sim2real.compared.open_tones import toned, without_tones_of_others
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.standing import standing
-from sim2real.compared.stated_noise import louder_in_words, louder_than_stated, scattered
+from sim2real.compared.stated_noise import left_alone, louder_in_words, louder_than_stated, scattered
 from sim2real.free.correction import free_correction
 from sim2real.gap.between_recordings import gain_between
 from sim2real.gap.leftover import leftover
@@ -86,7 +86,8 @@ def diagnose(
     fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)
     notes += of_noise
-    noisy = [] if bench.shown else [(p.record, p.opened.outputs, p.noise) for p in fitted.parts]
+    left_by = min(attribution.candidates, key=lambda c: c.predictive).fit
+    noisy = [] if bench.shown else left_alone(attribution.problem, left_by.residual)
     loud = louder_than_stated(noisy)
     notes += louder_in_words(loud)
     progress("judging")

@@ -26,7 +26,7 @@ from sim2real.compared.tones_left import (
 )
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import origin, tone_lines
+from sim2real.recorded.tones import origin, overtones, tone_lines
 
 ALIKE = 0.15  # lines within which tones of unknown origin are the same in two records, however loud they are
 ALIKE_SD = 2.5  # standard deviations of the distance of two tones within which they are the same, where that is more
@@ -67,8 +67,8 @@ def toned(records: Sequence[Record | OpenRecord], near: Point = NOMINAL) -> list
     model lacks looks a little different in every record. A slow one, for which a drift may pass, must be in two records
     in any case, one of the rotation at the speed of each. The record that tells the frequency of a tone best tells it
     for all. Where a record shows a tone, the others are looked at again there, and those that turn at another speed
-    where the rotation makes it: at one known frequency, noise passes for a tone far less often than anywhere in a
-    record.
+    where the rotation makes it, and so where mains or rotation that are seen have higher harmonics: at one known
+    frequency, noise passes for a tone far less often than anywhere in a record.
     """
     searched = [_searched(r, near) if isinstance(r, OpenRecord) else (r, None) for r in records]
     own = [record for record, _ in searched]
@@ -76,7 +76,7 @@ def toned(records: Sequence[Record | OpenRecord], near: Point = NOMINAL) -> list
     found = [record for record, _ in searched]
     shown = [(r, t.frequency) for r in found for t in r.tones]
     again = [
-        r if left is None else _looked_again(r, left, [*(f for _, f in shown), *_turning(r, shown)])
+        r if left is None else _looked_again(r, left, [*(f for _, f in shown), *_turning(r, shown), *_above(r, shown)])
         for r, left in searched
         if isinstance(r, OpenRecord)
     ]
@@ -114,6 +114,16 @@ def _turning(record: OpenRecord, shown: Sequence[tuple[Record | OpenRecord, floa
     return found
 
 
+def _above(record: OpenRecord, shown: Sequence[tuple[Record | OpenRecord, float]]) -> list[float]:
+    """Frequencies (Hz) of the higher harmonics of mains and rotation that records show, at the speed of this one."""
+    found = []
+    for other, frequency in shown:
+        speed, spacing = other.experiment.speed_rpm, resolution_of(other)
+        if speed == record.experiment.speed_rpm or origin(frequency, speed, spacing) != "spin":
+            found += overtones(frequency, speed, spacing)
+    return found
+
+
 def _looked_again(record: OpenRecord, residual: Residual, frequencies: Sequence[float]) -> OpenRecord:
     """The record with a tone at each of the frequencies (Hz) at which one stands out of what its own tones leave."""
     tones, spacing = list(record.tones), resolution_of(record)
@@ -137,7 +147,8 @@ def agreed(records: Sequence[Record | OpenRecord]) -> list[Record | OpenRecord]:
         spacing, own = resolution_of(record), frequency_sd(record, tone)
         others = [(t, frequency_sd(r, t)) for r in records if r is not record for t in r.tones]
         turning = _turning(record, [(r, t.frequency) for r in records if r is not record for t in r.tones])
-        others += [(replace(tone, frequency=f), own) for f in turning]
+        above = _above(record, [(r, t.frequency) for r in records for t in r.tones])
+        others += [(replace(tone, frequency=f), own) for f in (*turning, *above)]
         known = origin(tone.frequency, record.experiment.speed_rpm, spacing) is not None
         fast = tone.frequency >= WIDTH * spacing
         return (known and fast) or any(_same(record, tone, own, *other) for other in others)

@@ -10,15 +10,44 @@ import numpy as np
 
 from estimation.lines.line_windows import KEPT
 from sim2real.compared.bench_noise import BenchNoise
+from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_evidence import noise_of_force
 from sim2real.recorded.open_loop import nominal_loop
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
+from sim2real.recorded.ringing import driven_directions, without
 
 # Times the stated noise in the LOUDEST share of the band: from where on it is said, and from where on the statement
 # would have to be so wrong that it counts as a gap.
 OVER_STATED, BEYOND_STATED, LOUDEST = 2.0, 3.0, 0.2
 Noisy = tuple[Record | OpenRecord, Sequence[str], np.ndarray]  # a recording, its outputs and noise (outputs, axes, n)
+
+
+def left_alone(problem: Problem, residual: np.ndarray) -> list[Noisy]:
+    """The recordings of a problem with the noise that each window without a period shows by itself.
+
+    A fit takes noise that is pooled over neighbouring windows. A tone or a sharp mode that is left in one of them would
+    make all of those look loud.
+
+    Args:
+        problem: what was fitted.
+        residual: (K,), what the best fit leaves, whitened.
+    """
+    return [(p.record, p.opened.outputs, _alone(p, residual[p.place])) for p in problem.parts]
+
+
+def _alone(part: Part, residual: np.ndarray) -> np.ndarray:
+    """Standard deviation (outputs, axes, n) of what a recording leaves in each window, beside what drives explain."""
+    record = part.record
+    if not isinstance(record, OpenRecord) or record.instrument is not None:
+        return part.noise
+    left = np.zeros(part.noise.shape, complex)
+    left[..., part.used] = residual.reshape(part.whitening.shape) / part.whitening
+    directions, rank = driven_directions(record)
+    rest = without(left.reshape(*left.shape[:2], -1, KEPT), directions)
+    freedom = np.repeat(part.used.reshape(-1, KEPT).sum(axis=-1) - rank, KEPT)
+    power = np.repeat(np.sum(abs(rest) ** 2, axis=-1), KEPT, axis=-1)
+    return np.where(freedom > 0, np.sqrt(power / np.maximum(freedom, 1)), part.noise)
 
 
 def louder_than_stated(parts: Iterable[Noisy], least: float = OVER_STATED) -> dict[str, float]:

@@ -18,7 +18,7 @@ from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import HARMONICS, MAINS, NEAR, ON_LINE, SAME, families, origin, outstanding
+from sim2real.recorded.tones import HARMONICS, HIGHEST, MAINS, NEAR, ON_LINE, SAME, families, origin, outstanding
 
 FOREIGN, LOUD = "foreign", "loud"
 AROUND = 12  # lines on either side above which a tone on a line must stand out
@@ -27,7 +27,6 @@ TOGETHER = 1e-4  # probability that noise in all records shows as much at the ro
 RINGING, RINGING_WIDTHS = 0.25, 8.0
 SURE = 5.0  # standard errors by which a tone's frequency is off at most
 SHIFTED = 0.1  # bins of the resolution within which a tone lies where the drive shifts another one
-HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be
 BESIDE_MODE = 1.4  # twice the octaves from a fitted mode within which loud noise is attributed to it
 
 

@@ -10,6 +10,7 @@ from estimation.lines.line_windows import WIDTH, LineWindows
 
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = 3
+HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be, where that is seen
 ON_LINE = 0.1  # share of the line spacing within which a tone counts as lying on a line
 NEAR = 2e-3  # relative uncertainty of the frequencies of mains and rotation
 SAME = 0.6  # bins of the record's resolution within which two frequencies count as one
@@ -39,6 +40,15 @@ def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:
     }
     nearest = min(off, key=off.__getitem__)
     return nearest if off[nearest] < 1 else None
+
+
+def overtones(frequency: float, speed_rpm: float, resolution: float) -> list[float]:
+    """Frequencies (Hz) of the higher harmonics beside a tone that is one of a known origin; none of another tone."""
+    name = origin(frequency, speed_rpm, resolution)
+    if name is None:
+        return []
+    first = frequency / (1 + int(np.argmin([abs(frequency - f) for f in families(speed_rpm)[name]])))
+    return [first * order for order in range(HARMONICS + 1, HIGHEST + 1)]
 
 
 def outstanding(own: np.ndarray, around: Sequence[float] | np.ndarray) -> float:

@@ -7,6 +7,7 @@ import pytest
 from bench_loop import Bench
 from bench_loop import write_campaign as write_bench
 
+from estimation.lines.line_windows import KEPT
 from maglev_env.rig.rig import Noise
 from sim2real.blind.benchmark import at
 from sim2real.blind.benchmark.drives import draw_drive
@@ -16,7 +17,7 @@ from sim2real.blind.benchmark.write import Recorded, write_campaign
 from sim2real.compared.bench_noise import NO_BOUND, bench_noise
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.compared.stated_noise import louder_in_words, louder_than_stated, scattered
+from sim2real.compared.stated_noise import left_alone, louder_in_words, louder_than_stated, scattered
 from sim2real.diagnosis import diagnose
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import read_records
@@ -95,6 +96,20 @@ def test_what_is_louder_than_stated_is_said_where_nothing_repeats(tmp_path, time
     assert [words[:27] for words in louder_in_words(loud)] == (["noise.npz: what is left is "] if said else [])
     silent = replace(part.record, nominal=replace(part.record.nominal, noise=Noise()))
     assert louder_than_stated([(silent, part.opened.outputs, part.noise)]) == {}
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_what_is_left_in_one_window_does_not_make_those_around_look_loud(tmp_path, everywhere):
+    """A fit takes noise that is pooled over windows, of which one with a peak makes those around it loud."""
+    _, records = read_records(write_bench(tmp_path, Bench(noise=5e-7), {"noise": "fit"}, 1.0, 0))
+    problem = assemble(records)
+    (part,) = problem.parts
+    window = np.arange(part.noise.shape[-1]) // KEPT
+    times = np.broadcast_to(np.where(everywhere | (window == 10), 4.0, 1.0), part.noise.shape)[..., part.used].ravel()
+    pooled = replace(problem, parts=(replace(part, noise=4.0 * part.noise),))
+    left = (problem.data - problem.simulate([Point({}, {})])[0]) * times / 4.0
+    said = {"noise.npz": pytest.approx(4.0, rel=0.2)} if everywhere else {}
+    assert louder_than_stated(left_alone(pooled, left)) == said
 
 
 @pytest.mark.slow

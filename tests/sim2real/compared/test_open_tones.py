@@ -103,6 +103,16 @@ def test_a_tone_of_unknown_origin_counts_where_two_recordings_have_it(read):
     assert [[t.frequency for t in r.tones] for r in agreed([one, other])] == [[61.7, 50.1], [61.75]]
 
 
+def test_a_harmonic_of_the_mains_counts_in_the_one_recording_that_shows_it(read):
+    """A distorted mains has a fifth harmonic, which a recording of another band does not show."""
+    loud, silent = Tone(49.9, {"opened": np.ones(1)}, 1e5), read(Bench(), "noise")
+    for frequency, shown, counts in ((249.5, loud, True), (251.9, loud, False), (249.5, None, False)):
+        fifth = Tone(frequency, {"opened": np.ones(1)}, 99.0)
+        one = replace(silent, tones=(fifth,))
+        other = silent if shown is None else replace(silent, tones=(shown,))
+        assert [len(r.tones) for r in agreed([one, other])] == [int(counts), len(other.tones)]
+
+
 @pytest.mark.parametrize(("chi2", "both"), [(40.0, True), (400.0, False)])
 def test_two_faint_tones_may_be_one_where_two_loud_ones_are_not(read, chi2, both):
     """A fifth of a line apart, which of a faint one is hardly more than the scatter of its frequency."""

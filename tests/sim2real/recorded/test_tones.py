@@ -14,7 +14,7 @@ from sim2real.compared.simulated import residuals
 from sim2real.judgement.sightings import Sighting, _higher_harmonics, _mixed, _one_family, of_mains
 from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs
 from sim2real.recorded.records import read_records
-from sim2real.recorded.tones import families, near_tones, origin, outstanding
+from sim2real.recorded.tones import families, near_tones, origin, outstanding, overtones
 from sim2real.search.hypotheses import TONES
 
 FREE = load_rig("hmb_free")
@@ -28,6 +28,12 @@ RESOLUTION = 1.0  # Hz, of a record of one second
 )  # fmt: skip
 def test_a_tone_is_told_by_its_frequency(frequency, speed, named):
     assert origin(frequency, speed, RESOLUTION) == named
+
+
+def test_harmonics_above_a_tone_of_known_origin_are_those_of_its_own_frequency():
+    assert overtones(149.7, 0.0, RESOLUTION) == pytest.approx([49.9 * n for n in range(4, 10)])
+    assert overtones(53.0, 3180.0, RESOLUTION)[0] == pytest.approx(212.0)
+    assert overtones(53.0, 0.0, RESOLUTION) == []
 
 
 def test_lines_near_known_tones_are_told():
