@@ -13,7 +13,7 @@ from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
-from sim2real.compared.commands_seen import SEEN, seen_lost
+from sim2real.compared.commands_seen import SEEN, none_lost, runs_in_words, seen_lost
 from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned, without_tones_of_others
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
@@ -35,7 +35,7 @@ from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
 from sim2real.judgement.rows_with_tones import TOO_LOUD
-from sim2real.judgement.sightings import Sighting, may_creep, of_mains, sightings
+from sim2real.judgement.sightings import LOUD, Sighting, may_creep, of_mains, sightings
 from sim2real.judgement.unsynchronised import (
     evidence,
     near_rotation,
@@ -92,7 +92,7 @@ def diagnose(
     notes += louder_in_words(loud)
     progress("judging")
     weighed = _weighed(records, fitted, attribution, scattered(noisy))
-    notes = [*weighed.notes, *notes]
+    notes = [*weighed.notes, *runs_in_words(fitted), *notes]
     where = _where(fitted, attribution, weighed.tones)
     if where.controller is not None and where.controller > CONTROLLER_SD:
         notes.append(
@@ -227,6 +227,8 @@ def _weighed(
         tones[DRIFT], causes[DRIFT] = drift.chi2, {DRIFTING: drift.left}
     if lost := seen_lost(fitted):
         tones[SEEN] = lost
+    elif LOUD in tones and none_lost(fitted):
+        causes[LOUD] = {**causes.get(LOUD, {}), LOST: tones[LOUD]}
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen, of_mains(fitted, seen)), causes, drift)
     found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)

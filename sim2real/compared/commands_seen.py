@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import betaincinv, ndtr
 
-from sim2real.compared.problem import Problem
+from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
 
 SEEN, LOST = "lost commands", "dropped_samples"  # the family of this evidence, and the effect that it is of
 LEAST = 60.0  # twice the difference of log-likelihoods from which on commands were lost
@@ -28,10 +29,14 @@ TELLING = 4.0  # standard deviations by which a command must differ from the las
 COUNTED = 10.0  # and by which it must where losses are counted: one in forty would be taken for one of TELLING
 EXACT = 1e-7  # of the current's range: what rounding leaves where the rival explains all
 ALIKE = 0.15  # most difference of the shares that are lost after one that was lost and after one that was not
-CURRENT = "current"
+CURRENT, COMMAND = "current", "command"
 # Standard deviations, of a normal distribution, whose tails lie beyond the probabilities that are sought; and what a
 # count is unsure by beside chance: of four recordings it was off by 3 % at most.
 WITHIN, UNSURE = 2.5, 0.05
+REPEATED = 0.05  # share of commands that repeat the one before, from which on the log may be of what was sent
+# Runs of lost commands that are said, losses that are told in one, and by how much of themselves their distances differ
+# from whole multiples of the middle one in the USUAL share where they return regularly.
+RUNS, IN_TURN, REGULAR, USUAL = 5, 4, 0.1, 0.75
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,14 @@ class _Looked:
         likelier: Twice the logarithm of the likelihood ratio of lost commands; 0 where there are none.
         lost: Commands that were lost among those that are told.
         told: Samples at which a loss is told beyond doubt.
+        runs: Where the lost ones follow one another, how many in turn, and samples from one run to the next (0: these
+            differ); None where they do not.
     """
 
     likelier: float = 0.0
     lost: int = 0
     told: int = 0
+    runs: tuple[int, int] | None = None
 
 
 def share_lost(problem: Problem) -> tuple[float, float] | None:
@@ -69,20 +77,52 @@ def share_lost(problem: Problem) -> tuple[float, float] | None:
 def seen_lost(problem: Problem) -> float:
     """Twice the logarithm of the likelihood ratio of lost commands against any lag or limit.
 
-    It is that of all recordings without a period that hold command and current at the control rate; 0 where they show
-    none.
+    It is that of all recordings that hold command and current at the control rate; 0 where they show none.
     """
     totals = (sum(own.likelier for own in record) for record in _able(problem))
     return sum(total for total in totals if total > LEAST)
 
 
+def none_lost(problem: Problem) -> bool:
+    """Whether recordings tell a loss of single commands one by one, and none shows it."""
+    looked = [own for record in _able(problem) for own in record]
+    return sum(own.told for own in looked) >= FEWEST and all(own.likelier <= LEAST for own in looked)
+
+
+def runs_in_words(problem: Problem) -> list[str]:
+    """Notes on commands that were lost several in turn, as where a controller stalls."""
+    said = []
+    for part, record in zip(_recording(problem), _able(problem), strict=True):
+        for length, apart in [own.runs for own in record if own.runs is not None]:
+            rate = part.record.nominal.control_rate
+            every = f", every {1e3 * apart / rate:.3g} ms" if apart else ""
+            said.append(
+                f"{part.record.name}: the amplifier goes on with the last command for up to {length} control samples "
+                f"({1e3 * length / rate:.2g} ms) at a time{every}: does the controller stall?"
+            )
+    return said
+
+
+def _recording(problem: Problem) -> list[Part]:
+    """The parts whose recordings hold command and current at the control rate."""
+    return [part for part in problem.parts if _at_control_rate(part.record) and CURRENT in part.record.series]
+
+
+def _at_control_rate(record: Record | OpenRecord) -> bool:
+    if isinstance(record, OpenRecord):
+        return record.every == 1
+    e = record.experiment
+    return COMMAND in record.series and e.recorded_rate == e.rig.control_rate
+
+
 def _able(problem: Problem) -> Iterator[list[_Looked]]:
-    """What each recording shows that holds command and current at the control rate, axis by axis."""
-    for part in problem.parts:
+    """What each recording that holds command and current at the control rate shows, axis by axis."""
+    for part in _recording(problem):
         record = part.record
-        if isinstance(record, OpenRecord) and record.every == 1 and CURRENT in record.series:
-            pairs = zip(record.series[CURRENT], record.command, strict=True)
-            yield [_looked(i[record.first :], u[record.first :]) for i, u in pairs]
+        commands, first = (
+            (record.command, record.first) if isinstance(record, OpenRecord) else (record.series[COMMAND], 0)
+        )
+        yield [_looked(i[first:], u[first:]) for i, u in zip(record.series[CURRENT], commands, strict=True)]
 
 
 def _looked(current: np.ndarray, command: np.ndarray) -> _Looked:
@@ -114,12 +154,14 @@ def _looked(current: np.ndarray, command: np.ndarray) -> _Looked:
             return _Looked()
     toward = slope[1] * sent
     differs = abs(toward - np.concatenate([toward[:1], reached[:-1]])) / np.sqrt(left)
-    if not _one_as_another(lost, differs > TELLING):
-        return _Looked()
     surely = differs > COUNTED
     # Of the mixture, the more probable half of each sample alone counts: its likelihood is rather larger.
     choices = lost.sum() * np.log(share) + (n - lost.sum()) * np.log(1 - share)
-    return _Looked(float(n * np.log(rest / left) + 2 * choices), int(lost[surely].sum()), int(surely.sum()))
+    likelier = float(n * np.log(rest / left) + 2 * choices)
+    told = 0 if np.mean(np.diff(command) == 0) > REPEATED else int(surely.sum())
+    if not _one_as_another(lost, differs > TELLING):
+        return _Looked(0.0, 0, told, _runs(lost, differs > TELLING) if likelier > LEAST else None)
+    return _Looked(likelier, int(lost[surely].sum()), told)
 
 
 def _one_as_another(lost: np.ndarray, told: np.ndarray) -> bool:
@@ -129,6 +171,21 @@ def _one_as_another(lost: np.ndarray, told: np.ndarray) -> bool:
     if not before.any() or before.all():
         return bool(before.size) and not before.all()
     return abs(float(now[before].mean()) - float(now[~before].mean())) < ALIKE + 3.0 / np.sqrt(before.sum())
+
+
+def _runs(lost: np.ndarray, told: np.ndarray) -> tuple[int, int] | None:
+    """How many commands are lost in turn at most, as a rule, and samples from one such run to the next, 0 where these
+    differ; None with fewer than RUNS of them. A run is one in which several losses are told (samples,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.astype(int), [0]])))
+    starts, ends = edges[::2], edges[1::2]
+    seen = np.concatenate([[0], np.cumsum(told)])
+    runs = seen[ends] - seen[starts] >= IN_TURN
+    if runs.sum() < RUNS:
+        return None
+    apart = np.diff(ends[runs])
+    middle = int(np.median(apart))
+    off = abs(apart / middle - np.maximum(np.round(apart / middle), 1.0))  # some are missed
+    return int(np.quantile((ends - starts)[runs], 0.9)), middle if np.mean(off < REGULAR) > USUAL else 0
 
 
 def _fitted(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:

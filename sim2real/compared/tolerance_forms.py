@@ -21,6 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_env.experiment import Experiment
+from maglev_env.loop.axes import AXES
 from maglev_env.loop.effect import effect_value
 from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import SingleSidedLaw, linearise, reshaped
@@ -97,8 +98,8 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
         rig: The nominal rig.
     """
     gain, stiffness = (rig.tolerance.get(name, 0.0) for name in (GAIN, STIFFNESS))
-    by_name = dict(zip(nuisances.names, nuisances.columns, strict=True))
-    forms = [by_name[name] for name in (OF + GAIN, OF + STIFFNESS) if name in by_name]
+    by_name = zip(nuisances.names, nuisances.columns, strict=True)
+    forms = [column for name, column in by_name if name.startswith((OF + GAIN, OF + STIFFNESS))]
     stated = all(getattr(rig, name) is not None for name in (GAIN, STIFFNESS))
     if (
         (rig.per_axis and not stated)
@@ -115,10 +116,17 @@ def form_tolerances(nuisances: Nuisances, rig: Rig) -> dict[str, float]:
 def form_nuisances(
     e: Experiment, near: Point, predictor: Predictor, law_is_sure: bool, lag_is_sure: bool
 ) -> Mapping[str, np.ndarray]:
-    """What differs between both forms in a record's residuals (outputs, axes, n), by the nuisance's name."""
+    """What differs between both forms in a record's residuals (outputs, axes, n), by the nuisance's name.
+
+    Each of two axes has magnets and an amplifier of its own, which are off in forms of their own.
+    """
     forms = tolerance_forms(e, near, law_is_sure, lag_is_sure)
     if not forms:
         return {}
     predicted = predictor([point for *pair, _ in forms.values() for point in pair])
     changes = zip(forms.items(), predicted[1::2] - predicted[::2], strict=True)
-    return {OF + name: change / sds for (name, (*_, sds)), change in changes if np.isfinite(change).all()}
+    whole = {OF + name: change / sds for (name, (*_, sds)), change in changes if np.isfinite(change).all()}
+    if e.rig.axes == 1:
+        return whole
+    axes = np.eye(e.rig.axes)[:, :, None]
+    return {f"{name} along {AXES[i]}": own * change for name, change in whole.items() for i, own in enumerate(axes)}

@@ -33,7 +33,7 @@ def with_tones(rows: list[Row], evidence: Evidence, priors: Mapping[int, float])
 
     for names, cost, prior, candidate in rows:
         base = () if candidate is None else evidence.effects[candidate]
-        explained = OF_LOST if LOST in base else ()
+        explained = [f for f in OF_LOST if _explained_by_lost(f, evidence)] if LOST in base else []
         tones = {f: weight for f, weight in tones_of(evidence, base).items() if f not in explained}
         propose((names, cost + sum(tones.values()), prior, candidate))
         for added, off in _named(tones, evidence):
@@ -44,6 +44,11 @@ def with_tones(rows: list[Row], evidence: Evidence, priors: Mapping[int, float])
     return list(found.values())
 
 
+def _explained_by_lost(family: str, evidence: Evidence) -> bool:
+    """Whether lost commands explain a family of OF_LOST: not where each command is told, and none is seen lost."""
+    return LOST not in evidence.causes.get(family, {})
+
+
 def _named(tones: Mapping[str, float], evidence: Evidence) -> list[tuple[tuple[str, ...], float]]:
     """The effects that may explain tones, and what they cost together with the tones that they leave."""
     named: list[tuple[tuple[str, ...], float]] = [((), 0.0)]
@@ -52,7 +57,7 @@ def _named(tones: Mapping[str, float], evidence: Evidence) -> list[tuple[tuple[s
     if "spin" in tones:
         named = [((*names, effect), cost + off) for names, cost in named for effect, off in evidence.spin.items()]
     for family in (f for f in OPEN if f in tones):
-        causes = evidence.causes.get(family, {}).items()
+        causes = [(effect, off) for effect, off in evidence.causes.get(family, {}).items() if effect != LOST]
         named = [(names, cost + tones[family]) for names, cost in named] + [
             (names if effect in names else (*names, effect), cost + off)
             for names, cost in named
@@ -84,6 +89,6 @@ def unnamed(names: tuple[str, ...], candidate: int | None, evidence: Evidence) -
     """What these effects leave of what the OPEN families weigh."""
     left, tones = 0.0, tones_of(evidence, () if candidate is None else evidence.effects[candidate])
     for family in (f for f in OPEN if f in tones):
-        causes = {**evidence.causes.get(family, {}), **({LOST: 0.0} if family in OF_LOST else {})}
+        causes = {**({LOST: 0.0} if family in OF_LOST else {}), **evidence.causes.get(family, {})}
         left += min([tones[family], *(off for effect, off in causes.items() if effect in names)])
     return left

@@ -1,11 +1,28 @@
 """Lost commands in the current: seen where they are, and never in a lag, a delay, a limit or noise."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from campaigns import campaign
 from scipy.stats import binom, norm
 
 from sim2real.compared import commands_seen
-from sim2real.compared.commands_seen import LEAST, LOST, UNSURE, WITHIN, _Looked, _looked, share_lost
+from sim2real.compared.commands_seen import (
+    FEWEST,
+    LEAST,
+    LOST,
+    UNSURE,
+    WITHIN,
+    _Looked,
+    _looked,
+    none_lost,
+    runs_in_words,
+    seen_lost,
+    share_lost,
+)
+from sim2real.recorded.records import read_records
 from sim2real.search.hypotheses import Hypothesis
 
 RATE, SAMPLES, TIME = 2000.0, 4000, 8e-4
@@ -107,3 +124,56 @@ def test_a_current_or_a_command_that_stands_still_shows_nothing():
     rng = np.random.default_rng(5)
     assert _looked(np.zeros(SAMPLES), command(rng)).likelier == _looked(command(rng), np.zeros(SAMPLES)).likelier == 0.0
     assert _looked(command(rng)[:50], command(rng)[:50]).likelier == 0.0
+
+
+def stalled(u, length, apart):
+    """Commands of which the last one stays for so many control samples, every so often."""
+    frozen = np.arange(u.size) % apart < length
+    return np.array([u[k - k % apart] if frozen[k] else u[k] for k in range(u.size)])
+
+
+@pytest.mark.parametrize(("length", "apart"), [(8, 237), (16, 413)])
+def test_a_controller_that_stalls_loses_commands_in_turn(length, apart):
+    rng = np.random.default_rng(6)
+    u = np.tile(multisine(rng), 3)[:SAMPLES]
+    own = _looked(amplified(stalled(u, length, apart), rng, 2e-4), u)
+    assert own.likelier == 0.0 and own.lost == 0
+    assert own.runs[0] == pytest.approx(length, abs=1) and own.runs[1] == pytest.approx(apart, abs=1)
+    for sent in (u, with_lost(u, 0.1, rng)):
+        assert _looked(amplified(sent, rng, 2e-4), u).runs is None
+
+
+def test_a_log_of_what_was_sent_does_not_tell_that_nothing_was_lost():
+    rng = np.random.default_rng(7)
+    u = multisine(rng)
+    sent = with_lost(u, 0.1, rng)
+    assert _looked(amplified(u, rng, 2e-4), u).told > FEWEST
+    assert _looked(amplified(sent, rng, 2e-4), sent).told == 0
+
+
+@pytest.mark.slow
+def test_recordings_with_periods_tell_lost_commands_too(tmp_path):
+    rng = np.random.default_rng(8)
+    _, records = read_records(campaign(tmp_path / "c", names=("base", "holdout")))
+    rate, (command, *_) = records[0].nominal.control_rate, records[0].series["command"]
+    keeps = np.exp(-1 / rate / records[0].nominal.amplifier_time_constant)
+
+    def problem(sent):
+        current, i = np.empty(sent.size), sent[0]
+        for k, u in enumerate(sent):
+            current[k] = i
+            i = keeps * i + (1 - keeps) * u
+        current += 1e-4 * np.std(current) * rng.standard_normal(sent.size)
+        series = {**records[0].series, "current": current[None]}
+        return SimpleNamespace(parts=[SimpleNamespace(record=replace(records[0], series=series))])
+
+    sound, lossy, stalls = problem(command), problem(with_lost(command, 0.1, rng)), problem(stalled(command, 8, 237))
+    assert seen_lost(sound) == seen_lost(stalls) == 0.0 and seen_lost(lossy) > LEAST
+    assert none_lost(sound) and none_lost(stalls) and not none_lost(lossy)
+    low, high = share_lost(lossy)
+    assert low < 0.1 < high < 0.15 and share_lost(sound) is None
+    assert runs_in_words(sound) == runs_in_words(lossy) == []
+    (said,) = runs_in_words(stalls)
+    assert said.startswith("base") and "does the controller stall?" in said
+    every_other = replace(records[0], experiment=replace(records[0].experiment, sample_rate=rate / 2))
+    assert not none_lost(SimpleNamespace(parts=[SimpleNamespace(record=every_other)]))

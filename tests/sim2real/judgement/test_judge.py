@@ -362,6 +362,8 @@ def test_samples_that_are_dropped_are_loud_and_a_delay_is_not():
     quiet = evidence(costs)
     assert set(judged(quiet)[1]) == {"delay", "dropped_samples"}
     assert judged(replace(quiet, tones={"loud": 500.0})) == ("explained", ("dropped_samples",))
+    none_lost = {"loud": {"dropped_samples": 500.0}}  # each command is told, and none is lost by itself
+    assert judged(replace(quiet, tones={"loud": 500.0}, causes=none_lost))[0] == "unexplained"
 
 
 LAGGING = replace(load_rig("hmb_free"), amplifier_time_constant=1e-4, sensor_time_constant=5e-5)
