@@ -77,7 +77,9 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
             factors[name] = 1 + change
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
-            effects[known] = {**e.rig.effects.get(known, {}), "change": own + change + own * change}
+            bounds = EFFECTS[known].parameters["change"]  # which rounding would leave
+            whole = min(max(own + change + own * change, bounds.low), bounds.high)
+            effects[known] = {**e.rig.effects.get(known, {}), "change": whole}
     key = tuple(factors.items()), tuple(along_y.items())
     if key not in made:
         made[key] = _unlike(scaled_rig(_with_stated_tangent(e.rig, factors), factors) if factors else e.rig, along_y)

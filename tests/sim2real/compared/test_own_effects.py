@@ -109,6 +109,14 @@ def test_noise_smooths_a_play_of_the_rig_as_it_does_that_of_a_point(tmp_path):
     assert np.linalg.norm(expected - series_at(record, NOMINAL)) > 1e-3 * np.linalg.norm(expected)
 
 
+def test_a_tolerance_that_moves_to_its_end_stays_within_the_range_of_its_effect():
+    """In units of a tolerance, rounding left it by the last digit; and a rig's own change adds to it."""
+    for own, change, end in ((0.0, -0.9000000000000001, -0.9), (-0.5, -0.9, -0.9), (4.0, 3.0, 9.0)):
+        rig = replace(load_rig("hmb_free"), effects={STIFFNESS: {"change": own}} if own else {})
+        e = experiment_at(Experiment(rig, Gains(kp=1e4, ki=0.0, kd=10.0), ()), Point({}, {STIFFNESS: change}))
+        assert e.effects[STIFFNESS]["change"] == end
+
+
 PAIR, SINGLE = load_rig("hmb_free"), rig_from_toml(draw_rig("ball", np.random.default_rng(3)).toml(), "rig.toml")
 
 

@@ -13,6 +13,7 @@ from maglev_env.rig.drawn import scaled_rig
 from maglev_env.rig.rig import axis_rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point, experiment_at
+from sim2real.compared.tolerance_forms import OF, form_nuisances
 from sim2real.recorded.drive.drive import drive_of
 from sim2real.recorded.open_reading import _untold
 
@@ -55,3 +56,24 @@ def test_what_one_axis_states_is_not_known_of_the_other(stated):
 def test_whole_numbers_of_an_axis_stay_whole():
     rig = scaled_rig(replace(RIG, per_axis={"y": {"bearings": 2, "amplifier_time_constant": 2e-4}}), {"mass": 1.1})
     assert rig.per_axis["y"] == {"bearings": 2, "amplifier_time_constant": 2e-4} and rig.mass == 1.1 * RIG.mass
+
+
+def test_the_magnets_of_each_axis_have_a_form_of_their_own():
+    """One form for both cannot hold two amplifiers that are off in opposite senses."""
+    rig = replace(load_rig("hmb_radial"), tolerance={"actuator_gain": 0.03, "negative_stiffness": 0.04})
+    e, rng = Experiment(rig, NO_CONTROLLER, ()), np.random.default_rng(1)
+    both = {}
+
+    def predicted(points):
+        drawn = rng.standard_normal((len(points), 2, 2, 5))
+        names = [OF + "actuator_gain", OF + "negative_stiffness"]
+        both.update(zip(names, drawn[1::2] - drawn[::2], strict=True))
+        return drawn
+
+    found = form_nuisances(e, Point({}, {}), predicted, True, True)
+    assert set(found) == {f"{name} along {axis}" for name in both for axis in "xy"}
+    for name, change in both.items():
+        along = [found[f"{name} along {axis}"] for axis in "xy"]
+        for i, own in enumerate(along):
+            assert not own[:, 1 - i].any()
+            assert np.allclose(own[:, i] / change[:, i], (own[:, i] / change[:, i]).flat[0])
