@@ -30,7 +30,9 @@ CLEARLY = 5.0  # standard deviations by which trends must exceed what the gain e
 OTHER = 0.3  # share of the trends that the gain's direction may leave, for its form and its derivative
 ROUNDS = 3  # of weighing the recordings
 LEAST_GAIN, MOST_GAIN = 0.5, 2.0  # shares of the mean gain with which a drift may begin
-FORM = 0.1  # relative error of the rate in one recording that a drift which is not steady may make
+# Relative error of the rate in one recording that a drift which is not steady may make: what warms up drifts half as
+# fast again in the first four of its periods as in the second to the fourth.
+FORM = 0.3
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 A fit takes up what it lacks in any way that it can. A cause that no name describes is then found under one, at values
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
 resonance or far above all that was driven, two modes of which one takes back what the other does, a stop that touches
-wherever the rotor is, iron that saturates far above every field, a zero of the current that is off by all of the bias,
-or a lag that is a delay.
+wherever the rotor is, iron that saturates far above every field, a zero of the current that is off by nearly all of the
+bias, or a lag that is a delay.
 """
 
 from collections.abc import Collection, Mapping
@@ -16,12 +16,13 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.rig.rig import Rig
 from sim2real.compared.point import Point
 from sim2real.search.fit import Fit
-from sim2real.search.hypotheses import NO_RESONANCE, REPLACED, RESONANCES, added_lag, dead_part
+from sim2real.search.hypotheses import NO_RESONANCE, REPLACED, RESONANCES, Coordinate, added_lag, dead_part
 
 STOP, NEARLY = "soft_stop", 1.01  # times the least distance of a stop at which a fit of it has ended there
 # Share of the field at which iron saturates that the fields in the gaps must reach. Below it a knee of any sharpness
 # bends nothing: what it does is that of a smaller force constant, which has a name of its own.
 KNEE, REACHED = "saturation", 0.1
+OF_BIAS = 0.8  # share of the bias current, or of its range, by which the zero of a current is off at most
 LAG, DEAD = "amplifier_lag", 0.5  # share of what a lag adds from which on it is the dead time in it: a delay
 
 
@@ -42,7 +43,7 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
     if STOP in fit.hypothesis.effects and point.effects[STOP]["distance"] < least:
         return np.inf
     own = zip(fit.hypothesis.coordinates, fit.u, strict=False)
-    if any(_needs_room(c.effect, c.parameter) and c.at_bound(float(u)) for c, u in own):
+    if any(_beyond(c, float(u)) for c, u in own):
         return np.inf
     if LAG in fit.hypothesis.effects and _is_delay(rig, point, fit.hypothesis.effects):
         return np.inf
@@ -51,13 +52,15 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
     return _driving_cost(fit, rig)
 
 
-def _needs_room(effect: str, parameter: str) -> bool:
-    """Whether an effect has no meaning at a bound of this parameter.
+def _beyond(c: Coordinate, u: float) -> bool:
+    """Whether an effect has no meaning where this coordinate is.
 
-    A zero is then off by all of the bias, or a mode so far from all that was driven that it shows its static part
-    alone, which many causes have.
+    A zero is then off by nearly all of the bias, or a mode so far from all that was driven that it shows its static
+    part alone, which many causes have.
     """
-    return EFFECTS[effect].parameters[parameter].within_bias or (effect in RESONANCES and parameter == "frequency")
+    if EFFECTS[c.effect].parameters[c.parameter].within_bias:
+        return abs(c.value(u)) > OF_BIAS * c.high
+    return c.effect in RESONANCES and c.parameter == "frequency" and c.at_bound(u)
 
 
 def _cancels(mode: Mapping[str, float]) -> bool:

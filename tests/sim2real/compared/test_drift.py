@@ -110,6 +110,22 @@ def test_rates_of_recordings_are_weighed_by_their_variances(monkeypatch):
     assert found.left == pytest.approx((((rates - found.rate) ** 2) / variances).sum(), rel=1e-2)
 
 
+def test_what_warms_up_is_one_drift_in_recordings_that_begin_at_different_times(monkeypatch):
+    """Four seconds of an exponential of 1.5 s, and the same without the first one, each told to 3 %."""
+    decay = np.exp(-np.arange(5) / 1.5)
+    means = 1.5 * (decay[:-1] - decay[1:])  # of each second
+    rates = [float(np.polyfit(np.arange(own.size), own, 1)[0]) for own in (means, means[1:])]
+    assert rates[0] / rates[1] > 1.3
+
+    def found(*rates):
+        rows = [(rate, 0.03 * abs(rate), 1e3, 40.0) for rate in rates]
+        monkeypatch.setattr(drift_module, "_slope", lambda part, point: rows[part])
+        return drift_of(SimpleNamespace(parts=range(len(rows))), NOMINAL)
+
+    assert found(*rates).shown and found(*rates).left < 2.0
+    assert found(rates[0], -rates[1]).left > 20.0  # one recording cools where the other warms up
+
+
 @pytest.mark.slow
 def test_in_noise_there_is_no_drift_and_its_error_is_as_stated(tmp_path):
     found = problem(tmp_path)
