@@ -36,13 +36,8 @@ from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
 from sim2real.judgement.rows_with_tones import TOO_LOUD
 from sim2real.judgement.sightings import LOUD, Sighting, may_creep, of_mains, sightings
-from sim2real.judgement.unsynchronised import (
-    evidence,
-    near_rotation,
-    spin_costs,
-    tone_parameters,
-    vibration_costs,
-)
+from sim2real.judgement.tone_sizes import tone_parameters, tone_sizes
+from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs, vibration_costs
 from sim2real.judgement.untold_time import late_readings
 from sim2real.judgement.verdict import verdict
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
@@ -184,6 +179,11 @@ def diagnose(
         late=late,
         scale=scale,
         gap_of_named=gap_of_named,
+        tones={
+            name: sizes
+            for name in TONES
+            if any(name in e.effects for e in named.found) and (sizes := tone_sizes(fitted, weighed.seen, name))
+        },
         off_balance=next((r.off_balance for r in records if isinstance(r, OpenRecord) and r.off_balance), None),
     )
 
@@ -291,6 +291,8 @@ def _corrected(
     if not np.isfinite(candidate.fit.cost):
         return NOMINAL
     point = candidate.fit.hypothesis.point(candidate.fit.u)
+    if LOST in point.effects and (counted := candidate.fit.hypothesis.seen.get(LOST)):
+        point = replace(point, effects={**point.effects, LOST: {"probability": sum(counted) / 2}})
     if drift is not None and drift.shown and DRIFTING in effects and DRIFTING not in point.effects:
         point = with_drift(point, drift.rate, [part.record for part in fitted.parts])
     tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}

@@ -11,6 +11,7 @@ from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_word
 from sim2real.gap.locate import ALL_DRIVEN, Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
+from sim2real.judgement.tone_sizes import tones_in_words
 from sim2real.judgement.verdict import CLASS_SHARE, with_effects
 from sim2real.result import OFFSET, Diagnosis, block_of, fitted_parameters
 from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, added_lag, dead_part, usual_tolerances
@@ -123,17 +124,24 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"{_misread(diagnosis)}."
         )
     top = named(diagnosis)[0]
-    moved = {n for n, v in diagnosis.corrected.effects.items() if any(v.values())}  # a lag may sit in a stated pole
-    shown = [c for c in corrections(diagnosis) if "." in c.name and c.name.partition(".")[0] in moved]
-    values = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
     more = sum(e.probability for e in diagnosis.which if set(e.effects) > set(top.effects))
     beside = f", {percent(more)} with another effect beside" if more >= CLASS_SHARE * top.probability else ""
     closes = _closes(diagnosis.closing, only_tones(diagnosis))
     return (
         f"The gap is explained by {_and(top.effects)} ({percent(top.probability)}{beside}), in "
-        f"{_blocks(block_of('+'.join(top.effects)))}; {values}{closes}{_besides(diagnosis)}"
+        f"{_blocks(block_of('+'.join(top.effects)))}{_sizes(diagnosis, top)}{closes}{_besides(diagnosis)}"
         f"{_misread(diagnosis)}."
     )
+
+
+def _sizes(diagnosis: Diagnosis, top: Entry) -> str:
+    """Parameters of the effects that are named with 95 % intervals, as the middle of a sentence."""
+    heard = {name: tones for name, tones in diagnosis.tones.items() if name in top.effects}
+    moved = {n for n, v in diagnosis.corrected.effects.items() if any(v.values())}  # a lag may sit in a stated pole
+    shown = [c for c in corrections(diagnosis) if "." in c.name and c.name.partition(".")[0] in moved - heard.keys()]
+    fitted = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
+    tones = ", ".join(tones_in_words(name, sizes, NORMAL_95) for name, sizes in heard.items())
+    return "".join(f"; {text}" for text in (fitted, f"{tones} (95 %)" if tones else "") if text)
 
 
 def _not_excluded(diagnosis: Diagnosis) -> str:

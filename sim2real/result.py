@@ -15,6 +15,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.proposal import Plan
 from sim2real.coefficients import surplus
+from sim2real.compared.commands_seen import WITHIN
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.free.correction import Free
@@ -25,6 +26,7 @@ from sim2real.gap.wrong_scale import WrongScale
 from sim2real.judgement.belief import LEVEL
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
+from sim2real.judgement.tone_sizes import ToneSize
 from sim2real.judgement.untold_time import Late
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fit import NOT_TOLD, Fit
@@ -75,6 +77,7 @@ class Diagnosis:
         scale: The scale of a recorded channel that would explain as much; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
+        tones: Effect -> the tones that it would make, as they were seen, of those in any hypothesis.
         loud: Recording -> how many times as loud as the rig states is what the best explanation leaves, where that is
             much and nothing repeats that would tell noise from what an effect leaves.
         off_balance: What the mean of a recording lacks of carrying the weight, where that is much but no evidence, as a
@@ -107,6 +110,7 @@ class Diagnosis:
     gap_of_named: Gap | None = None
     off_balance: str | None = None
     loud: Mapping[str, float] = field(default_factory=dict)
+    tones: Mapping[str, tuple[ToneSize, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.campaign.folder.name}: {self.verdict}, {', '.join(self.cause) or 'no cause'}>"
@@ -180,6 +184,7 @@ class Diagnosis:
             "unseen": list(self.unseen),
             "off_balance": self.off_balance,
             "wrong_scale": None if self.scale is None else asdict(self.scale),
+            "tones": {name: [asdict(tone) for tone in tones] for name, tones in self.tones.items()},
             "notes": list(self.notes),
             "left_out": left_out_data(self.campaign.left_out),
             "seconds": self.seconds,
@@ -200,6 +205,8 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         value = c.value(float(fit.u[i]))
         at_bound = c.at_bound(float(fit.u[i]))
         se = None if at_bound or not known or sd[i] >= NOT_TOLD else _se(c, value, float(sd[i]))
+        if counted := fit.hypothesis.seen.get(c.effect):  # which tells it better than what it does on average
+            value, se, at_bound = sum(counted) / 2, (counted[1] - counted[0]) / (2 * WITHIN), False
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
     forms = list(enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)))
     shapes = fit.hypothesis.shapes

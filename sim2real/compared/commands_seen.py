@@ -29,6 +29,7 @@ TELLING = 4.0  # standard deviations by which a command must differ from the las
 COUNTED = 10.0  # and by which it must where losses are counted: one in forty would be taken for one of TELLING
 EXACT = 1e-7  # of the current's range: what rounding leaves where the rival explains all
 ALIKE = 0.15  # most difference of the shares that are lost after one that was lost and after one that was not
+STALLS = "does the controller stall?"  # ends what is said of commands that are lost in turn
 CURRENT, COMMAND = "current", "command"
 # Standard deviations, of a normal distribution, whose tails lie beyond the probabilities that are sought; and what a
 # count is unsure by beside chance: of four recordings it was off by 3 % at most.
@@ -98,7 +99,7 @@ def runs_in_words(problem: Problem) -> list[str]:
             every = f", every {1e3 * apart / rate:.3g} ms" if apart else ""
             said.append(
                 f"{part.record.name}: the amplifier goes on with the last command for up to {length} control samples "
-                f"({1e3 * length / rate:.2g} ms) at a time{every}: does the controller stall?"
+                f"({1e3 * length / rate:.2g} ms) at a time{every}: {STALLS}"
             )
     return said
 

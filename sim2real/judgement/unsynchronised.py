@@ -1,6 +1,6 @@
 """Evidence of tones: mains pickup, effects of the rotation, and tones that nothing known explains."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy import stats
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.judgement.sightings import FOREIGN, LOUD, Sighting, seen_at
-from sim2real.recorded.tones import HARMONICS, MAINS, NEAR
+from sim2real.recorded.tones import HARMONICS, NEAR
 
 FORM = 0.03  # relative error of an amplitude that its model may make
 BAND = 1 / 6  # octaves to either side within which the tones of a vibration may lie
@@ -134,35 +134,3 @@ def near_rotation(problem: Problem, found: list[Sighting]) -> list[str]:
 def _harmonic(frequency: float, first: float) -> bool:
     """Whether a frequency is one of the first harmonics of another one, within a band."""
     return any(abs(np.log2(frequency / (n * first))) < BAND / n for n in range(2, HARMONICS + 1))
-
-
-def tone_parameters(problem: Problem, found: list[Sighting], effect: str) -> Mapping[str, float]:
-    """Parameters of what makes tones from their sightings; phases keep their default."""
-    if effect == "foreign_vibration":
-        shaken = [s for s in found if s.family == FOREIGN]
-        loudest = max(shaken, key=lambda s: s.chi2)
-        near = [s for s in shaken if abs(s.frequency - loudest.frequency) < 2 * NEAR * loudest.frequency]
-        force = _weighed([(s.size / s.receptance, s.chi2) for s in near])
-        return {"force": force, "frequency": loudest.frequency, "phase": 0.0}
-    family = "spin" if effect in ("runout", "unbalance") else "pickup"
-    own = [s for s in found if s.family.startswith(family)] or [s for s in found if s.family == "spin"]
-    sizes = [_weighed([(s.size, s.chi2) for s in own if s.harmonic == h]) for h in range(1, HARMONICS + 1)]
-    if effect == "unbalance":
-        shares = [
-            (s.size / s.receptance / (problem.parts[s.record].record.experiment.speed_rpm * np.pi / 30) ** 2, s.chi2)
-            for s in own
-            if s.harmonic == 1
-        ]
-        return {"moment": _weighed(shares), "phase": 0.0}
-    ratio = float(np.clip(sizes[1] / sizes[0], 0.0, 0.9)) if sizes[0] > 0 else 0.0
-    first = sizes[0] if sizes[0] > 0 else max(sizes)
-    parameters = {"amplitude": float(first), "harmonics": ratio, "phase": 0.0}
-    if effect == "pickup":
-        first_of = [s.frequency / s.harmonic for s in own if s.harmonic]
-        parameters["frequency"] = min(MAINS, key=lambda f: abs(f - first_of[0])) if first_of else MAINS[0]
-    return parameters
-
-
-def _weighed(values: list[tuple[float, float]]) -> float:
-    """Mean of (value, chi-square) pairs, weighted by how clearly each was seen; 0 without any."""
-    return float(np.average([v for v, _ in values], weights=[w for _, w in values])) if values else 0.0

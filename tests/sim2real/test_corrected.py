@@ -20,6 +20,7 @@ from sim2real.corrected import corrected_toml, write_corrected
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, Words
 from sim2real.judgement.judge import Entry
+from sim2real.judgement.tone_sizes import ToneSize
 from sim2real.report import percent, quantity, sentence
 from sim2real.result import Diagnosis
 
@@ -184,6 +185,17 @@ def test_every_verdict_has_its_sentence():
         "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor or acts "
         "from outside; delay time 20 µs, unbalance moment 0.03 g mm; it closes"  # no phase, which nothing tells
     )
+
+
+def test_tones_are_said_as_they_were_heard_and_what_has_no_parameters_leaves_no_gap_in_the_sentence():
+    point = Point({**effect("sensor_lag", 2.5e-5), **effect("pickup", 6e-7)}, {})
+    found = diagnosis(point, cause=("sensor_lag+pickup",), which=(entry("sensor_lag+pickup", 0.93),))
+    heard = replace(found, tones={"pickup": (ToneSize(1, 50.03, 6e-7, 5e-9), ToneSize(3, 150.09, 2.5e-7, 4e-9))})
+    tones = "pickup 600.0 +- 9.8 nm at 50.03 Hz and 250.0 +- 7.8 nm at 150.1 Hz (95 %)"
+    assert f"in the sensor; sensor_lag time constant 25 µs; {tones}; it closes" in sentence(heard)
+    assert heard.to_json()["tones"]["pickup"][1] == {"harmonic": 3, "frequency": 150.09, "value": 2.5e-7, "se": 4e-9}
+    none = diagnosis(Point({"dropped_samples": {"probability": 0.0}}, {}), cause=("dropped_samples",))
+    assert "in the controller; it closes" in sentence(none)
 
 
 def test_what_a_free_correction_closes_is_no_merit_of_what_is_named():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim2real.compared.commands_seen import LOST, WITHIN
 from sim2real.result import fitted_parameters
 from sim2real.search.candidates import Candidate
 from sim2real.search.fit import Fit
@@ -96,3 +97,14 @@ def test_a_knee_that_is_not_told_from_none_is_not_printed(reciprocal, told):
     u[at], jacobian[at, 0] = reciprocal, told
     found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, jacobian)))
     assert ("saturation.command" in found) == (reciprocal * told > 2)
+
+
+def test_lost_commands_that_were_counted_are_as_many_as_were_counted():
+    """The fit ended at the end of the count, which a mean delay asks for less than."""
+    h = Hypothesis(("dropped_samples",), {}, seen={LOST: (0.09, 0.11)})
+    u = h.bounded(np.array([c.at(0.01) for c in h.coordinates]))
+    assert h.point(u).effects[LOST]["probability"] == pytest.approx(0.09)
+    found = fitted_parameters(Candidate(Fit(h, u, np.zeros(2, complex), 1.0, np.zeros((2, h.size), complex).T)))
+    assert found["dropped_samples.probability"] == {
+        "value": pytest.approx(0.1), "se": pytest.approx(0.01 / WITHIN), "at_bound": False
+    }  # fmt: skip

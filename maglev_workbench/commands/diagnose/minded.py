@@ -4,12 +4,14 @@ like the effects that it names."""
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from sim2real.compared.commands_seen import LOST, STALLS
 from sim2real.report import causes_of, corrections
 from sim2real.result import Diagnosis
 from sim2real.search.hypotheses import REPLACED, added_lag
 
 KNEE = 0.005  # relative standard error of a stop's distance, below which it is a knee
 LATE, OR_EFFECT = "delay", "; or an effect"  # code of a warning, and what it says for those who have no diagnosis yet
+SPIKE = "spike", "current"  # code and channel of another one
 BENT = ("force_law", "cubic_spring", "soft_stop")  # forces that bend with the position
 
 
@@ -31,6 +33,8 @@ def _not_as_stated(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]]) 
         return []
     unknown = diagnosis.verdict == "unexplained"
     own = [w for w in warnings if w["kind"] == "wiring" or (unknown and w["code"] == LATE)]
+    if LOST in causes_of(diagnosis) or any(note.endswith(STALLS) for note in diagnosis.notes):
+        own = [w for w in own if (w["code"], w.get("channel")) != SPIKE]  # a command that is lost makes one
     if not own:
         return []
     first, more = own[0], f" ({len(own) - 1} more such warnings)" if len(own) > 1 else ""

@@ -20,6 +20,7 @@ from sim2real.gap.leftover_words import fit_in_words, leftover_lines
 from sim2real.gap.locate import ALL_DRIVEN
 from sim2real.gap.shrink import REFIT, errors
 from sim2real.judgement.judge import Entry
+from sim2real.judgement.tone_sizes import tones_in_words
 from sim2real.report import (
     BEYOND,
     NO_SHARE,
@@ -65,6 +66,7 @@ _NOTES = {
     "corrected": "Written as corrected.toml beside this page: maglev sweep --rig corrected.toml, or "
     'gym.make("maglev/Rig-v0", rig="corrected.toml").',
 }
+WITHIN = 2.0  # stated tolerances that a calibrated parameter is off by at most to be called within them
 _RANK_HEAD = ("hypothesis", "probability", "where", "parameters", "worst group")
 _GAP_HEAD = ("", "measured", "nominal", "error", "corrected", "error")
 
@@ -101,17 +103,28 @@ def terminal(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]] = ()) -
             words.add_row(*row)
         parts.append(words)
     found = corrections(diagnosis)
-    if diagnosis.verdict in ("no_gap", "unexplained") and found:
-        beside = diagnosis.free is not None and diagnosis.free.gained
-        as_far = "Fitted beside the free correction" if beside else "Calibration, as far as it goes"
-        within = "Within tolerance" if diagnosis.verdict == "no_gap" else as_far
-        parts.append(f"{within}: {', '.join(f'{c.name} {c}' for c in found)}.")
+    if diagnosis.verdict in ("explained", "ambiguous"):
+        found = tuple(c for c in found if "." not in c.name)  # its effects are in the sentence and the table
+    if found:
+        parts.append(f"{_calibrated(diagnosis, found)}: {', '.join(f'{c.name} {c}' for c in found)}.")
     for word, text in zip(("Measure next:", "Then:", "Then:"), _next(diagnosis), strict=False):
         parts.append(marked(word, text, "bold"))
     if untold := _untold(diagnosis):
         parts.append(marked("Not to be told:", untold, "bold"))
     parts += [marked("  left out", str(one)) for one in diagnosis.campaign.left_out]
     return parts + [f"  note: {text}" for text in diagnosis.notes[bool(told) :]]
+
+
+def _calibrated(diagnosis: Diagnosis, found: Sequence[Correction]) -> str:
+    """The words before calibrated parameters."""
+    if diagnosis.verdict in ("explained", "ambiguous"):
+        return "Calibration beside it"
+    if diagnosis.verdict == "unexplained":
+        beside = diagnosis.free is not None and diagnosis.free.gained
+        return "Fitted beside the free correction" if beside else "Calibration, as far as it goes"
+    stated = diagnosis.rig.tolerance
+    far = any(abs(c.value) > WITHIN * stated[c.name] for c in found if c.name in stated)
+    return "Calibration" if far else "Within tolerance"
 
 
 def capitalised(text: str) -> str:
@@ -182,7 +195,7 @@ def _ranked(d: Diagnosis) -> list[tuple[str, ...]]:
             " + ".join(e.effects),
             percent(e.probability),
             _place(e),
-            _parameters(listed.get(e.effects, {}), e.effects) or _MEANING.get(e.effects[0], ""),
+            ", ".join(_parameters_of(e, listed.get(e.effects, {}), d)) or _MEANING.get(e.effects[0], ""),
             "–" if e.explained_worst_group is None else percent(max(e.explained_worst_group, 0.0)),
         )
         for e in d.which[:TOP]
@@ -194,15 +207,15 @@ def _place(e: Entry) -> str:
     return "" if e.effects[0] in _MEANING else block_of("+".join(e.effects)).replace("+", " + ")
 
 
-def _parameters(fitted: Mapping[str, Fitted], named: Sequence[str]) -> str:
-    """Parameters of effects as text; changes within tolerance are in the table of the corrected rig."""
+def _parameters_of(e: Entry, fitted: Mapping[str, Fitted], d: Diagnosis) -> list[str]:
+    """Parameters of effects as texts; changes within tolerance are in the table of the corrected rig."""
     found = []
     for name, at in fitted.items():
         effect, _, key = name.partition(".")
         if key:
             text = fitted_quantity(at, EFFECTS[effect].parameters[key].unit, key == "change")
-            found.append(f"{spoken(name, list(named) != [effect])} {text}")
-    return ", ".join(found)
+            found.append(f"{spoken(name, list(e.effects) != [effect])} {text}")
+    return found or [tones_in_words(name, d.tones[name]) for name in e.effects if name in d.tones]
 
 
 def _gap_rows(d: Diagnosis) -> list[tuple[str, float | None]]:

@@ -7,6 +7,7 @@ import pytest
 from maglev_workbench.commands.diagnose import minded as module
 from maglev_workbench.commands.diagnose.minded import curved, minded, unstated
 from maglev_workbench.commands.diagnose.report import capitalised
+from sim2real.compared.commands_seen import STALLS
 
 
 def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
@@ -14,7 +15,7 @@ def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
     stated = dict.fromkeys(tolerance, 0.0)
     rig = SimpleNamespace(amplifier_time_constant=pole, sensor_time_constant=0.0, tolerance=stated, effects={})
     corrected = SimpleNamespace(effects=values)
-    return SimpleNamespace(cause=cause, corrected=corrected, rig=rig, verdict="explained")
+    return SimpleNamespace(cause=cause, corrected=corrected, rig=rig, verdict="explained", notes=())
 
 
 def test_a_sentence_begins_with_a_capital_and_the_name_of_an_effect_as_it_is():
@@ -105,3 +106,16 @@ def test_a_recording_that_is_not_what_is_stated_is_put_right_first(verdict, warn
     found.verdict = verdict
     said = minded(found, warnings)
     assert (words in said[0] and len(said) == 1) if words else said == []
+
+
+SPIKE = {**WIRING, "code": "spike", "channel": "current", "message": "current: a spike of 0.1 A at 1.5 s"}
+
+
+@pytest.mark.parametrize(("cause", "notes"), [(("dropped_samples",), ()), (("unknown",), ("rec1.csv: " + STALLS,))])
+def test_the_spikes_of_lost_commands_are_not_to_be_left_out(cause, notes):
+    found = diagnosis(cause, effects=())
+    found.notes = notes
+    assert minded(found, (SPIKE,)) == []
+    assert "0.1 A at 1.5 s" in minded(diagnosis(("friction",), effects=()), (SPIKE,))[0]
+    elsewhere = {**SPIKE, "channel": "displacement", "message": "displacement: a spike"}
+    assert "displacement: a spike" in minded(found, (elsewhere,))[0]
