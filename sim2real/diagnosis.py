@@ -27,6 +27,7 @@ from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
 from sim2real.gap.wrong_scale import wrong_scale
 from sim2real.judgement.belief import shipped
+from sim2real.judgement.between_lines import between_lines
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, rareness
@@ -179,6 +180,7 @@ def diagnose(
         late=late,
         scale=scale,
         gap_of_named=gap_of_named,
+        between=between_lines(fitted, weighed.seen) if named.verdict == "unexplained" else None,
         tones={
             name: sizes
             for name in TONES

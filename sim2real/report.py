@@ -7,6 +7,7 @@ from math import inf
 from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.free.places import NAMES as FREE
+from sim2real.gap.leftover import Leftover
 from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.gap.locate import ALL_DRIVEN, Where
 from sim2real.gap.shrink import Gap
@@ -22,6 +23,7 @@ BEYOND = 3.0  # a calibrated change of more than this many stated tolerances is 
 MAY_BE = 0.1  # a probability that is worth a word beside "no gap"
 NOTHING = {(NONE,), (CALIBRATION,)}  # hypotheses under which no effect acts
 MOSTLY = 0.9  # of a gap: what closes as much, surely, is worth a word although something else is left
+NONE_LEFT = 0.005  # share of the gap below which nothing is left
 NO_SHARE = "too near to the noise for a share that is closed"  # of a gap whose sizes before and after are known
 
 
@@ -102,13 +104,14 @@ def sentence(diagnosis: Diagnosis) -> str:
     left, unknown = diagnosis.leftover, probability.get((UNKNOWN,), 0.0)
     # Where the holdout refutes what is most probable, an unknown cause need not have become that.
     refuted = diagnosis.which[0].effects != (UNKNOWN,)
-    none = "No effect that fits is borne out by the holdout" if refuted else "No known effect explains the gap"
+    none = f"No {'effect that fits is borne out by the holdout' if refuted else 'known effect explains the gap'}"
+    if not refuted and (beside := _between(diagnosis)):
+        none = f"No known effect explains what lies between the lines of the drive, {beside}"
     if diagnosis.verdict == "unexplained" and left is not None:
         return (
             f"{none} (unknown: {percent(unknown)}); best partial "
-            f"explanation: {partial_in_words(left)}, which {leaves(left)}, most of it in "
-            f"{_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}{_refitted(diagnosis)}{_loud(diagnosis)}"
-            f"{_misread(diagnosis)}."
+            f"explanation: {partial_in_words(left)}, which {leaves(left)}{_left_where(left)}{_refitted(diagnosis)}"
+            f"{_loud(diagnosis)}{_misread(diagnosis)}."
         )
     if diagnosis.verdict == "unexplained":
         return (
@@ -142,6 +145,21 @@ def _sizes(diagnosis: Diagnosis, top: Entry) -> str:
     fitted = parameters_in_words({c.name: c.fitted for c in shown}, top.effects)
     tones = ", ".join(tones_in_words(name, sizes, NORMAL_95) for name, sizes in heard.items())
     return "".join(f"; {text}" for text in (fitted, f"{tones} (95 %)" if tones else "") if text)
+
+
+def _left_where(left: Leftover) -> str:
+    """Where most of what is left lies, as the middle of a sentence; empty where nothing is left."""
+    if left.share is not None and left.share < NONE_LEFT:
+        return ""
+    return f", most of it in {_blocks(_largest(left.where.blocks))}{_highest_band(left.where)}"
+
+
+def _between(diagnosis: Diagnosis) -> str:
+    """What varies over time and has no name, where hardly anything else is left; else empty."""
+    left = diagnosis.leftover
+    if diagnosis.between is None or left is None or left.share is None or left.share > 1 - MOSTLY:
+        return ""
+    return diagnosis.between.in_words()
 
 
 def _not_excluded(diagnosis: Diagnosis) -> str:

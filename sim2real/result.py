@@ -24,6 +24,7 @@ from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, errors
 from sim2real.gap.wrong_scale import WrongScale
 from sim2real.judgement.belief import LEVEL
+from sim2real.judgement.between_lines import BetweenLines
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tone_sizes import ToneSize
@@ -77,6 +78,7 @@ class Diagnosis:
         scale: The scale of a recorded channel that would explain as much; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
+        between: What lies between the lines of the drive and has no name; None unless the verdict is "unexplained".
         tones: Effect -> the tones that it would make, as they were seen, of those in any hypothesis.
         loud: Recording -> how many times as loud as the rig states is what the best explanation leaves, where that is
             much and nothing repeats that would tell noise from what an effect leaves.
@@ -109,6 +111,7 @@ class Diagnosis:
     scale: WrongScale | None = None
     gap_of_named: Gap | None = None
     off_balance: str | None = None
+    between: BetweenLines | None = None
     loud: Mapping[str, float] = field(default_factory=dict)
     tones: Mapping[str, tuple[ToneSize, ...]] = field(default_factory=dict)
 
@@ -185,6 +188,7 @@ class Diagnosis:
             "off_balance": self.off_balance,
             "wrong_scale": None if self.scale is None else asdict(self.scale),
             "tones": {name: [asdict(tone) for tone in tones] for name, tones in self.tones.items()},
+            "between_lines": None if self.between is None else asdict(self.between),
             "notes": list(self.notes),
             "left_out": left_out_data(self.campaign.left_out),
             "seconds": self.seconds,
