@@ -20,6 +20,7 @@ from sim2real.compared.point import NOMINAL, Point, unseen_by_all
 from sim2real.compared.problem import Problem, assemble
 from sim2real.compared.standing import standing
 from sim2real.compared.stated_noise import left_alone, louder_in_words, louder_than_stated, scattered
+from sim2real.compared.tones_on_lines import with_tones_on_lines
 from sim2real.free.correction import free_correction
 from sim2real.gap.between_recordings import gain_between
 from sim2real.gap.leftover import leftover
@@ -80,6 +81,9 @@ def diagnose(
     records = without_tones_of_others(toned(standing_records))
     bench = bench_noise(records)
     fitted, judged, judged_on, notes = _problems(records, bench)
+    if heard := {**with_tones_on_lines(judged), **with_tones_on_lines(fitted)}:
+        records = [heard.get(r.name, r) for r in records]
+        fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)
     notes += of_noise
     left_by = min(attribution.candidates, key=lambda c: c.predictive).fit

@@ -14,14 +14,14 @@ from sim2real.compared.open_tones import bins_off
 from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.tones_left import log_chances, residual_of, resolution_of, stands_out, tones_in
+from sim2real.compared.tones_on_lines import tones_on_lines
 from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import HARMONICS, HIGHEST, MAINS, NEAR, ON_LINE, SAME, families, origin, outstanding
+from sim2real.recorded.tones import HARMONICS, HIGHEST, MAINS, NEAR, ON_LINE, SAME, families, origin
 
 FOREIGN, LOUD = "foreign", "loud"
-AROUND = 12  # lines on either side above which a tone on a line must stand out
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
 # Octaves from a fitted mode within which a tone is attributed to its ringing: at most, and per damping ratio.
 RINGING, RINGING_WIDTHS = 0.25, 8.0
@@ -339,29 +339,15 @@ def _bands(index: int, part: Part, point: Point, drifting: bool) -> list[Sightin
 
 
 def _on_lines(index: int, part: Part, point: Point) -> list[Sighting]:
-    record = part.record
-    if not record.masked.any():
-        return []
-    predicted = part.predictor.smoothed([point])[0]
-    if not np.isfinite(predicted).all():
-        return []
+    record, found = part.record, []
     plant = part.opened.outputs.index("plant")
-    r = ((part.measured - predicted) * np.sqrt(2) / part.noise)[plant]  # (axes, n)
-    excited = record.excited
-    found = []
-    for name, tones in families(record.experiment.speed_rpm).items():
-        for harmonic, f in enumerate(tones, 1):
-            at = np.flatnonzero(abs(record.frequency - f) < ON_LINE * record.experiment.fundamental)
-            if not at.size or (not name.startswith("spin") and _rings(part, point, f)):
-                continue
-            line = int(at[0])
-            near = np.arange(max(line - AROUND, 0), min(line + AROUND + 1, r.shape[1]))
-            near = near[(near != line) & (excited[near] == excited[line]) & ~record.masked[near]]
-            chi2 = outstanding(r[:, line], r[:, near].reshape(-1))
-            if chi2 > 0:
-                noise = part.noise[plant, :, line]
-                size = float(np.sqrt(np.mean(abs(r[:, line] * noise) ** 2) / 2))
-                sd = float(np.sqrt(np.mean(noise**2) / 2 / noise.size))  # of the mean of the axes
-                receptance = float(np.mean(abs(part.opened.receptance[:, line])))
-                found.append(Sighting(index, name, harmonic, f, size, sd, receptance, chi2))
+    for tone in tones_on_lines(part, point):
+        f = families(record.experiment.speed_rpm)[tone.family][tone.harmonic - 1]
+        if not tone.family.startswith("spin") and _rings(part, point, f):
+            continue
+        noise = part.noise[plant, :, tone.line]
+        size = float(np.sqrt(np.mean(abs(tone.amplitude) ** 2)))
+        sd = float(np.sqrt(np.mean(noise**2) / 2 / noise.size))  # of the mean of the axes
+        receptance = float(np.mean(abs(part.opened.receptance[:, tone.line])))
+        found.append(Sighting(index, tone.family, tone.harmonic, f, size, sd, receptance, tone.chi2))
     return found

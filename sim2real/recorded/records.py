@@ -1,7 +1,7 @@
 """A campaign as a diagnosis needs it: for each recording, the spectra of its steady periods and what drove it."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -60,6 +60,8 @@ class Record:
         errors: What may be wrong with its channels.
         rests: What its means say of a suspended mass; None: nothing.
         elsewhere: Frequencies (Hz) of tones of unknown origin that other recordings show.
+        heard: Line -> complex amplitudes (axes,), m, of a tone of known origin on it that is simulated, too.
+        humming: What these add to the waves in its simulation, (axes, samples) by place.
         load: With which a rotor between opposed magnets is simulated to rest where it was recorded; None: none.
     """
 
@@ -80,6 +82,8 @@ class Record:
     errors: tuple[ChannelError, ...] = ()
     rests: Rests | None = None
     elsewhere: tuple[float, ...] = ()
+    heard: Mapping[int, np.ndarray] = field(default_factory=dict)
+    humming: Mapping[str, np.ndarray] = field(default_factory=dict)
     load: Load | None = None
 
     @property
@@ -95,7 +99,8 @@ class Record:
     @cached_property
     def drive(self) -> Drive:
         """What its simulation runs under."""
-        return Drive(self.experiment, self.waves, load=self.load)
+        waves = {place: wave + self.humming.get(place, 0.0) for place, wave in self.waves.items()}
+        return Drive(self.experiment, waves, load=self.load)
 
     @property
     def count(self) -> int:
