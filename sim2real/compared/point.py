@@ -23,6 +23,7 @@ OF_EACH_AXIS, APART = (
 ), " of y beyond that of x"  # fmt: skip
 # What gain and stiffness of a pair of magnets are made of: of another one, both have another form.
 MADE_OF = ("bias_current", "gap")
+ROUNDED = 1e-9  # by which rounding takes a change beyond its range at most
 RUNG_OUT = 6.5  # time constants after which the ringing of a mode is neglected
 LASTING = (0, 0.5, 1, 2, 3, 4, 6, 9, 12)  # periods: points whose modes ring about as long are simulated together
 # Sensor noise smooths hard nonlinearities (dithering). Limits are always smoothed; hysteresis and friction are smoothed
@@ -77,8 +78,10 @@ def experiment_at(e: Experiment, point: Point, made: dict[tuple, Rig] | None = N
             factors[name] = 1 + change
         elif known not in effects:
             own = effect_value(e.rig.effects, known)  # a corrected rig may have this effect already
-            bounds = EFFECTS[known].parameters["change"]  # which rounding would leave
-            whole = min(max(own + change + own * change, bounds.low), bounds.high)
+            whole = own + change + own * change
+            bounds = EFFECTS[known].parameters["change"]
+            if bounds.low - ROUNDED <= change <= bounds.high + ROUNDED:  # which rounding and the own change may leave
+                whole = min(max(whole, bounds.low), bounds.high)
             effects[known] = {**e.rig.effects.get(known, {}), "change": whole}
     key = tuple(factors.items()), tuple(along_y.items())
     if key not in made:
