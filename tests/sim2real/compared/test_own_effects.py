@@ -115,7 +115,7 @@ def test_a_tolerance_that_moves_to_its_end_stays_within_the_range_of_its_effect(
         rig = replace(load_rig("hmb_free"), effects={STIFFNESS: {"change": own}} if own else {})
         e = experiment_at(Experiment(rig, Gains(kp=1e4, ki=0.0, kd=10.0), ()), Point({}, {STIFFNESS: change}))
         assert e.effects[STIFFNESS]["change"] == end
-    with pytest.raises(ValueError, match="negative_stiffness.change = -0.95 is outside"):
+    with pytest.raises(ValueError, match=r"negative_stiffness\.change = -0\.95 is outside"):
         experiment_at(
             Experiment(load_rig("hmb_free"), Gains(kp=1e4, ki=0.0, kd=10.0), ()), Point({}, {STIFFNESS: -0.95})
         )
