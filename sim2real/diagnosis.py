@@ -42,6 +42,7 @@ from sim2real.judgement.tone_sizes import tone_parameters, tone_sizes
 from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs, vibration_costs
 from sim2real.judgement.untold_time import late_readings
 from sim2real.judgement.verdict import verdict
+from sim2real.one_axis import along_one_axis
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.driven_alike import driven_alike_in_words
@@ -100,6 +101,10 @@ def diagnose(
             "deviations from what the stated gains make of the reading; check gains, td, ti and the sign"
         )
     named = by_holdout(fitted, judged, judged_on, attribution, weighed)
+    if named.verdict == "unexplained" and records[0].axes == 2:
+        alone = along_one_axis(loaded, where.axes, lambda own: diagnose(own, seed, progress))
+        if alone is not None:
+            return replace(alone, seconds=time.perf_counter() - begun)
     notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
     notes += without_limit_in_words(weighed.evidence, [e.candidate for e in named.kept if e.candidate is not None])
     notes += named.notes

@@ -90,6 +90,14 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence."""
+    said = _verdict(diagnosis)
+    if diagnosis.axis is None:
+        return said
+    return f"No known effect of both axes explains the gap; along {diagnosis.axis} alone, {said[:1].lower()}{said[1:]}"
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    """The verdict on all axes that were diagnosed, in one sentence."""
     probability = {e.effects: e.probability for e in diagnosis.which}
     if diagnosis.verdict == "no_gap":
         sure = probability.get((NONE,), 0.0) + probability.get((CALIBRATION,), 0.0)

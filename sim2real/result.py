@@ -78,6 +78,8 @@ class Diagnosis:
         scale: The scale of a recorded channel that would explain as much; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
+        axis: Of a rig with two axes, the one of which alone this is the diagnosis, because no known effect of both
+            explains the gap; None elsewhere.
         between: What lies between the lines of the drive and has no name; None unless the verdict is "unexplained".
         tones: Effect -> the tones that it would make, as they were seen, of those in any hypothesis.
         loud: Recording -> how many times as loud as the rig states is what the best explanation leaves, where that is
@@ -111,6 +113,7 @@ class Diagnosis:
     scale: WrongScale | None = None
     gap_of_named: Gap | None = None
     off_balance: str | None = None
+    axis: str | None = None
     between: BetweenLines | None = None
     loud: Mapping[str, float] = field(default_factory=dict)
     tones: Mapping[str, tuple[ToneSize, ...]] = field(default_factory=dict)
@@ -155,6 +158,7 @@ class Diagnosis:
             "schema": SCHEMA,
             "verdict": self.verdict,
             "cause": list(self.cause),
+            "axis": self.axis,
             "where": {**w.to_json(), "controller_distance": w.controller},
             "which": which,
             "likely": {"level": LEVEL, "hypotheses": [list(e.effects) for e in self.likely]} if self.likely else None,
