@@ -77,9 +77,10 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
         in_fit = any(known.startswith(f"{name}.") for known in fitted)
         for key, value in values.items():
             at, parameter = fitted.get(f"{name}.{key}", {}), EFFECTS[name].parameters[key]
-            # The phase of a tone, which begins anew in every recording, what a further mode without a size would be,
-            # and a form that is not told from the plain one are no findings.
-            if not at and (key == "phase" or parameter.added or (in_fit and key in EFFECTS[name].shapes)):
+            # The phase of a tone, which begins anew in every recording, what a further mode without a size would be, a
+            # form that is not told from the plain one, and a limit that another one stands for are no findings.
+            of_form = in_fit and (key in EFFECTS[name].shapes or parameter.absent == inf)
+            if not at and (key == "phase" or parameter.added or of_form):
                 continue
             ended = at.get("at_bound", False)
             found.append(Correction(f"{name}.{key}", value, at.get("se"), parameter.unit, key == "change", ended))

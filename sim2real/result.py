@@ -240,7 +240,17 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         change = float(fit.u[i]) * sigma
         se = float(sd[i]) * sigma if known else None
         found[f"{name} (relative)"] = {"value": change, "se": se, "at_bound": False}
-    return found
+    return {name: at for name, at in found.items() if not _instead(name, at, found)}
+
+
+def _instead(name: str, at: Fitted, found: Mapping[str, Fitted]) -> bool:
+    """Whether a limit is so far away that nothing tells it, and another one of its effect acts in its place: the field
+    at which iron saturates, where the current does."""
+    effect, _, key = name.partition(".")
+    if not key or EFFECTS[effect].parameters[key].absent != inf or (at["se"] or inf) < abs(at["value"]):
+        return False
+    others = (other.partition(".") for other in found if other != name)
+    return any(e == effect and EFFECTS[e].parameters[k].default == inf for e, _, k in others if k)
 
 
 def _widened(fit: Fit) -> np.ndarray:

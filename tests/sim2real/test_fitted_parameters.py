@@ -108,3 +108,15 @@ def test_lost_commands_that_were_counted_are_as_many_as_were_counted():
     assert found["dropped_samples.probability"] == {
         "value": pytest.approx(0.1), "se": pytest.approx(0.01 / WITHIN), "at_bound": False
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("field", "knee", "shown"), [(1e3, 0.6, False), (1e3, np.inf, True), (0.8, 0.6, True)])
+def test_a_field_that_nothing_reaches_is_not_listed_beside_a_current_that_saturates(field, knee, shown):
+    h = Hypothesis(("saturation",), {}, shaped=("saturation",))
+    u = np.zeros(h.size)
+    u[0] = h.coordinates[0].at(field)
+    u[h.calibrated.index("saturation.current") + 1] = 1 / (knee * h.shapes["saturation.current"].parameter.shape)
+    data = np.zeros(h.size, complex)
+    found = fitted_parameters(Candidate(Fit(h, h.bounded(u), data, 1.0, 1e3 * np.eye(h.size, dtype=complex))))
+    assert ("saturation.field" in found) == shown
+    assert ("saturation.current" in found) == np.isfinite(knee)
