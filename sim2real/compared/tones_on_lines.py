@@ -14,7 +14,7 @@ import numpy as np
 from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import Part, Problem
 from sim2real.recorded.open_record import OpenRecord
-from sim2real.recorded.records import Record
+from sim2real.recorded.records import Heard, Record
 from sim2real.recorded.tones import ON_LINE, families, outstanding
 
 ROUNDS = 2  # of telling how large a tone is from its simulation
@@ -55,8 +55,8 @@ def tones_on_lines(part: Part, point: Point) -> list[OnLine]:
         return []
     plant = part.opened.outputs.index("plant")
     left, noise = (part.measured - predicted)[plant], part.noise[plant]  # (axes, n)
-    for line, amplitude in record.heard.items():  # the simulation has it
-        left[:, line] = amplitude
+    for line, tone in record.heard.items():  # the simulation has it, so that only the rest is left
+        left[:, line] += _linear(tone, part, line)
     r, excited = left * np.sqrt(2) / noise, record.excited
     found = []
     for name, tones in families(record.experiment.speed_rpm).items():
@@ -76,7 +76,7 @@ def with_tones_on_lines(problem: Problem, near: Point = NOMINAL) -> dict[str, Re
     """Name -> record of each recording with periods whose simulation is driven by the tones on its lines, too.
 
     Those of the rotation are an error of the reading, as a runout, or a force, as an unbalance: whichever leaves less
-    on the lines that are compared.
+    on the lines that are compared. On a line that the drive excites, a tone is not told from a gap.
 
     Args:
         problem: The recordings.
@@ -85,42 +85,45 @@ def with_tones_on_lines(problem: Problem, near: Point = NOMINAL) -> dict[str, Re
     found = {}
     for part in problem.parts:
         record, tones = part.record, tones_on_lines(part, near)
+        tones = [tone for tone in tones if not record.excited[tone.line]]
         if tones and isinstance(record, Record) and record.nominal.controlled:  # else it is linear
-            places = ("current", "force") if any(tone.family == "spin" for tone in tones) else ("current",)
-            driven = [_driven_by(record, tones, part, near, place) for place in places]
+            forces = (False, True) if any(tone.family == "spin" for tone in tones) else (False,)
+            driven = [_driven_by(record, tones, part, near, force) for force in forces]
             found[record.name] = min(driven, key=lambda own: own[1])[0]
     return found
 
 
-def _driven_by(record: Record, tones: Sequence[OnLine], part: Part, near: Point, place: str) -> tuple[Record, float]:
-    """The record driven by tones besides, at a place of the rotation's ones, and what that leaves of the other lines.
+def _driven_by(record: Record, tones: Sequence[OnLine], part: Part, near: Point, force: bool) -> tuple[Record, float]:
+    """The record driven by tones besides, the rotation's as forces or not, and what that leaves of the other lines.
 
-    What a tone of the reading leaves of an opened linear loop is the tone itself, and what a force does, its receptance
-    times the force. A loop that is not linear answers otherwise, and by how much, the simulation with the tone tells:
-    beside the linear answer, -P C d to a tone d of the reading.
+    A loop that is not linear answers to a tone otherwise than `_linear`, and by how much, the simulation with the tone
+    tells.
     """
-    plant, opened = part.opened.outputs.index("plant"), part.opened
-    of = {t.line: (t.amplitude, place == "force" and t.family == "spin") for t in tones}
+    plant = part.opened.outputs.index("plant")
+    heard = {t.line: Heard(t.amplitude, force and t.family == "spin") for t in tones}
     for turn in range(ROUNDS + 1):
-        driven = _humming(record, of, part)
+        driven = _humming(record, heard, part)
         predicted = replace(part.predictor, record=driven).smoothed([near])[0]
         if not np.isfinite(predicted).all():
             return driven, np.inf
         if turn < ROUNDS:
             left = (part.measured - predicted)[plant]
-            linear = {
-                n: amplitude if forced else (1 - opened.closed[:, n]) * amplitude
-                for n, (amplitude, forced) in of.items()
-            }
-            of = {n: (left[:, n] + linear[n], forced) for n, (_, forced) in of.items()}
+            heard = {n: replace(t, amplitude=left[:, n] + _linear(t, part, n)) for n, t in heard.items()}
     return driven, float(np.sum(abs(part.whitened((part.measured - predicted)[None])) ** 2))
 
 
-def _humming(record: Record, of: Mapping[int, tuple[np.ndarray, bool]], part: Part) -> Record:
-    """The record with tones of these amplitudes (axes,), m, by line, and whether each is a force."""
+def _linear(tone: Heard, part: Part, line: int) -> np.ndarray:
+    """Opened residual (axes,) of the simulation of a linear loop with a tone: a force leaves its receptance times
+    itself; an error d of the reading moves the rotor, which leaves -P C d of it."""
+    return tone.amplitude if tone.force else (1 - part.opened.closed[:, line]) * tone.amplitude
+
+
+def _humming(record: Record, heard: Mapping[int, Heard], part: Part) -> Record:
+    """The record with these tones by line."""
     turn = 2j * np.pi * np.arange(record.waves["current"].shape[-1]) / record.waves["current"].shape[-1]
     humming = {place: np.zeros_like(record.waves[place]) for place in ("current", "force")}
-    for n, (amplitude, forced) in of.items():
-        by = 1 / part.opened.receptance[:, n] if forced else -part.opened.of_injection[:, n]
-        humming["force" if forced else "current"] += ((by * amplitude)[:, None] * np.exp(record.lines[n] * turn)).real
-    return replace(record, heard={n: amplitude for n, (amplitude, _) in of.items()}, humming=humming)
+    for n, tone in heard.items():
+        by = 1 / part.opened.receptance[:, n] if tone.force else -part.opened.of_injection[:, n]
+        wave = ((by * tone.amplitude)[:, None] * np.exp(record.lines[n] * turn)).real
+        humming["force" if tone.force else "current"] += wave
+    return replace(record, heard=heard, humming=humming)

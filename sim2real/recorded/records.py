@@ -39,6 +39,19 @@ REPEATS = 10.0  # power off the stated lines of an excitation, of what noise lea
 
 
 @dataclass(frozen=True)
+class Heard:
+    """A tone of known origin on a line.
+
+    Attributes:
+        amplitude: Complex (axes,), as it leaves of the opened loop, m.
+        force: Whether it is simulated as a force on the rotor; else as an error of the reading.
+    """
+
+    amplitude: np.ndarray
+    force: bool
+
+
+@dataclass(frozen=True)
 class Record:
     """One recording, steady and periodic.
 
@@ -60,7 +73,7 @@ class Record:
         errors: What may be wrong with its channels.
         rests: What its means say of a suspended mass; None: nothing.
         elsewhere: Frequencies (Hz) of tones of unknown origin that other recordings show.
-        heard: Line -> complex amplitudes (axes,), m, of a tone of known origin on it that is simulated, too.
+        heard: Line -> the tone on it that is simulated, too.
         humming: What these add to the waves in its simulation, (axes, samples) by place.
         load: With which a rotor between opposed magnets is simulated to rest where it was recorded; None: none.
     """
@@ -82,7 +95,7 @@ class Record:
     errors: tuple[ChannelError, ...] = ()
     rests: Rests | None = None
     elsewhere: tuple[float, ...] = ()
-    heard: Mapping[int, np.ndarray] = field(default_factory=dict)
+    heard: Mapping[int, Heard] = field(default_factory=dict)
     humming: Mapping[str, np.ndarray] = field(default_factory=dict)
     load: Load | None = None
 

@@ -16,12 +16,12 @@ from sim2real.recorded.records import read_records
 LINE = 20  # of the drive, an even one, at which the rotor turns
 
 
-def recorded(folder, effects, rig="hmb_free", louder=8.0):
-    """A recording with a motion of two fifths of the gap."""
+def recorded(folder, effects, rig="hmb_free", louder=8.0, line=LINE):
+    """A recording with a motion of two fifths of the gap, and a rotor that turns at a line."""
     (plan,) = planned(load_rig(rig), names=("base",))
     e = plan.experiment
     drives = tuple(replace(own, amplitude=louder * own.amplitude) for own in e.excitations)
-    e = replace(e, speed_rpm=60 * LINE * e.fundamental, excitations=drives, effects=effects)
+    e = replace(e, speed_rpm=60 * line * e.fundamental, excitations=drives, effects=effects)
     return assemble(read_records(write(folder / "c", [("base", "fit", e)], rig))[1])
 
 
@@ -57,6 +57,15 @@ def test_what_a_tone_on_a_line_makes_of_the_others_is_simulated(tmp_path, effect
 def test_each_of_two_axes_has_its_part_of_a_tone(tmp_path):
     plain = recorded(tmp_path, effect("runout", 1.5e-5), "hmb_radial", 8.0)
     assert chi_square(with_tones(plain)) < 1.15 < 0.5 * chi_square(plain)
+
+
+def test_what_a_gap_leaves_on_a_driven_line_is_no_tone_that_is_simulated(tmp_path):
+    """At the nominal rig it looks like one, and with the effect it is gone."""
+    lag = effect("delay", 1e-4)
+    (part,) = (problem := recorded(tmp_path, lag, louder=1.0, line=5)).parts
+    assert part.record.excited[list(part.record.lines).index(5)]
+    assert [t.harmonic for t in tones_on_lines(part, NOMINAL)] and with_tones_on_lines(problem) == {}
+    assert tones_on_lines(part, Point(lag, {})) == []
 
 
 def test_a_simulation_that_touches_down_tells_no_tone(tmp_path):
