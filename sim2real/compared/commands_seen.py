@@ -10,7 +10,7 @@ is one that comes late, so that a simulation alone would make up for a delay by 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import betaincinv, ndtr
@@ -159,10 +159,12 @@ def _looked(current: np.ndarray, command: np.ndarray) -> _Looked:
     # Of the mixture, the more probable half of each sample alone counts: its likelihood is rather larger.
     choices = lost.sum() * np.log(share) + (n - lost.sum()) * np.log(1 - share)
     likelier = float(n * np.log(rest / left) + 2 * choices)
-    told = 0 if np.mean(np.diff(command) == 0) > REPEATED else int(surely.sum())
+    own = _Looked(likelier, int(lost[surely].sum()), int(surely.sum()))
     if not _one_as_another(lost, differs > TELLING):
-        return _Looked(0.0, 0, told, _runs(lost, differs > TELLING) if likelier > LEAST else None)
-    return _Looked(likelier, int(lost[surely].sum()), told)
+        own = replace(own, likelier=0.0, lost=0, runs=_runs(lost, differs > TELLING) if likelier > LEAST else None)
+    if own.likelier <= LEAST and np.mean(np.diff(command) == 0) > REPEATED:
+        own = replace(own, told=0)  # if these are what is left of lost ones, nothing in the current tells them
+    return own
 
 
 def _one_as_another(lost: np.ndarray, told: np.ndarray) -> bool:

@@ -149,6 +149,9 @@ def test_a_log_of_what_was_sent_does_not_tell_that_nothing_was_lost():
     sent = with_lost(u, 0.1, rng)
     assert _looked(amplified(u, rng, 2e-4), u).told > FEWEST
     assert _looked(amplified(sent, rng, 2e-4), sent).told == 0
+    coarse = 0.02 * np.round(u / 0.02)  # of a converter, whose steps repeat a slow command
+    lossy = _looked(amplified(with_lost(coarse, 0.1, rng), rng, 2e-4), coarse)
+    assert np.mean(np.diff(coarse) == 0) > 0.05 and lossy.likelier > LEAST and lossy.told > FEWEST
 
 
 @pytest.mark.slow
