@@ -2,8 +2,8 @@
 
 A line on which a known tone lies is not compared. But magnets that are not linear mix the tone with the drive, and the
 sums and differences of both lie on lines again. So a tone is put into what drives the simulation, with the size and the
-phase that the recording shows: an error of the reading, as the command that the controller makes of it. What an
-unbalance moves, the loop takes for nearly the same.
+phase that the recording shows: as an error of the reading, by the command that the controller makes of it, or, of a
+rotation, as a force.
 """
 
 from collections.abc import Mapping, Sequence
