@@ -25,7 +25,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.recorded.tones import origin
 from sim2real.search.attribute import attribute
-from sim2real.search.candidates import NO_GAP, Attribution, Candidate
+from sim2real.search.candidates import NO_GAP, Attribution
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import differentiate
 from sim2real.search.hypotheses import RESONANCES
@@ -127,7 +127,7 @@ def _with_noise_of_best(fitted: Problem, judged: Problem, attribution: Attributi
 
     A tone that stands far above the noise may be hidden by what the nominal simulation leaves of its window.
     """
-    best = _best(attribution).fit
+    best = attribution.best.fit
     # What only a further effect is uncertain by, which explains hardly more, is no noise of the rest.
     plain = attribution.simplest.fit
     for fit in (best, plain):
@@ -146,10 +146,6 @@ def _with_noise_of(fitted: Problem, judged: Problem, fit: Fit, louder: float = 1
     return fitted, judged
 
 
-def _best(attribution: Attribution) -> Candidate:
-    return min(attribution.candidates, key=lambda c: c.predictive)
-
-
 def _with_tones_for_modes(settled: Settled, progress: Callable[[str], None]) -> Settled | None:
     """The same with tones in place of the modes of the best fit, where these explain the recordings better; else None.
 
@@ -157,7 +153,7 @@ def _with_tones_for_modes(settled: Settled, progress: Callable[[str], None]) -> 
     resonance before anybody looks for tones.
     """
     attribution = settled.attribution
-    best = _best(attribution)
+    best = attribution.best
     modes = set(RESONANCES).intersection(best.effects)
     rest = attribution.of(*(name for name in best.effects if name not in modes))
     if not modes or rest is None or not np.isfinite(rest.fit.cost):
@@ -182,11 +178,11 @@ def _as_quiet_as_stated(settled: Settled, bench: BenchNoise, progress: Callable[
     noisy = [(part.record, part.opened.outputs, part.noise) for part in fitted.parts]
     if bench.shown or not louder_than_stated(noisy, SEARCHED):
         return None
-    near, singles = _best(attribution).fit, tuple(c for c in attribution.candidates if len(c.effects) < 2)
+    near, singles = attribution.best.fit, tuple(c for c in attribution.candidates if len(c.effects) < 2)
     quiet = replace(fitted, bench=STATED).again(near.hypothesis.point(near.u))
     found = attribute(quiet, progress, replace(attribution, candidates=singles))
     alone = [c.fit for c in found.candidates if len(c.effects) == 1]
-    if not _best(found).fit.cost < min((f.cost for f in alone), default=np.inf) - saved_by_second(quiet, alone):
+    if not found.best.fit.cost < min((f.cost for f in alone), default=np.inf) - saved_by_second(quiet, alone):
         return None
     new = _settled(replace(quiet, bench=bench), settled.judged, found, progress)
     return new if _surprise(new.fitted, new.attribution) < _surprise(fitted, attribution) else None
@@ -202,7 +198,7 @@ def _tones(record: Record | OpenRecord) -> Sequence[Tone]:
 
 def _surprise(problem: Problem, attribution: Attribution) -> float:
     """-2 ln likelihood of the best candidate, with the noise that was told from what it leaves."""
-    return _best(attribution).predictive + 4.0 * float(sum(np.log(part.noise).sum() for part in problem.parts))
+    return attribution.best.predictive + 4.0 * float(sum(np.log(part.noise).sum() for part in problem.parts))
 
 
 def _quieter(old: Problem, new: Problem) -> bool:

@@ -13,7 +13,7 @@ from sim2real.advice.gain_choice import gain_choice
 from sim2real.advice.next_experiment import propose
 from sim2real.attributed import attributed
 from sim2real.compared.bench_noise import BenchNoise, bench_noise
-from sim2real.compared.commands_seen import SEEN, none_lost, runs_in_words, seen_lost
+from sim2real.compared.commands_seen import SEEN, by_count, looked_at, none_lost, runs_in_words, seen_lost
 from sim2real.compared.drift import DRIFT, Drift, drift_of, with_drift
 from sim2real.compared.open_tones import toned, without_tones_of_others
 from sim2real.compared.point import NOMINAL, Point, unseen_by_all
@@ -82,18 +82,17 @@ def diagnose(
     records = without_tones_of_others(toned(standing_records))
     bench = bench_noise(records)
     fitted, judged, judged_on, notes = _problems(records, bench)
-    if heard := {**with_tones_on_lines(judged), **with_tones_on_lines(fitted)}:
+    if heard := with_tones_on_lines(fitted, judged):
         records = [heard.get(r.name, r) for r in records]
         fitted, judged, judged_on, notes = _problems(records, bench)
     fitted, judged, attribution, of_noise = attributed(records, fitted, judged, bench, progress)
     notes += of_noise
-    left_by = min(attribution.candidates, key=lambda c: c.predictive).fit
-    noisy = [] if bench.shown else left_alone(attribution.problem, left_by.residual)
+    noisy = [] if bench.shown else left_alone(attribution.problem, attribution.best.fit.residual)
     loud = louder_than_stated(noisy)
     notes += louder_in_words(loud)
     progress("judging")
     weighed = _weighed(records, fitted, attribution, scattered(noisy))
-    notes = [*weighed.notes, *runs_in_words(fitted), *notes]
+    notes = [*weighed.notes, *notes]
     where = _where(fitted, attribution, weighed.tones)
     if where.controller is not None and where.controller > CONTROLLER_SD:
         notes.append(
@@ -139,7 +138,7 @@ def diagnose(
     scale = None
     if named.verdict != "no_gap" and np.isfinite(attribution.calibration.fit.cost):
         # The candidate with the least cost stands for an unknown cause: what explains as much has a name.
-        in_rig = picked or min(attribution.candidates, key=lambda c: c.predictive)
+        in_rig = picked or attribution.best
         if scale := wrong_scale(attribution.problem, attribution.calibration.fit, in_rig.fit):
             notes.append(scale.in_words())
     alone, free = picked or attribution.calibration, None
@@ -236,14 +235,15 @@ def _weighed(
     tones, causes = evidence(seen), vibration_costs(fitted, seen, near)
     if drift is not None and drifts:
         tones[DRIFT], causes[DRIFT] = drift.chi2, {DRIFTING: drift.left}
-    if lost := seen_lost(fitted):
+    commands = looked_at(fitted)
+    if lost := seen_lost(commands):
         tones[SEEN] = lost
-    elif LOUD in tones and none_lost(fitted):
+    elif LOUD in tones and none_lost(commands):
         causes[LOUD] = {**causes.get(LOUD, {}), LOST: tones[LOUD]}
     evidenced = evidence_of(attribution, tones, spin_costs(fitted, seen, of_mains(fitted, seen)), causes, drift)
     found = by_mechanism(entries(evidenced), records[0].nominal)
     verdicted, cause = verdict(found)
-    explained = attribution.calibration.fit.cost - _best(attribution)
+    explained = attribution.calibration.fit.cost - attribution.best.predictive
     if explained < HARDLY * scatter and not any(LOST in names.split("+") for names in cause):
         evidenced = replace(evidenced, tones={**tones, TOO_LOUD: TOO_LOUD_COST})
         found = by_mechanism(entries(evidenced), records[0].nominal)
@@ -258,6 +258,7 @@ def _weighed(
             f"by the reduced chi-square that is left, {tempering:.2g}"
         ]
     )
+    notes += runs_in_words(fitted, commands)
     return Weighed(found, verdicted, cause, tempering, seen, drift, sum(tones.values()), notes, evidenced)
 
 
@@ -267,10 +268,6 @@ def _of_any_form(attribution: Attribution, named: Sequence[int | None]) -> Attri
     for i, fit in zip(at, of_any_form(attribution.problem, [found[i].fit for i in at]), strict=True):
         found[i] = Candidate(fit)
     return replace(attribution, candidates=tuple(found))
-
-
-def _best(attribution: Attribution) -> float:
-    return min(c.predictive for c in attribution.candidates)
 
 
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:
@@ -303,7 +300,7 @@ def _corrected(
         return NOMINAL
     point = candidate.fit.hypothesis.point(candidate.fit.u)
     if LOST in point.effects and (counted := candidate.fit.hypothesis.seen.get(LOST)):
-        point = replace(point, effects={**point.effects, LOST: {"probability": sum(counted) / 2}})
+        point = replace(point, effects={**point.effects, LOST: {"probability": by_count(*counted)[0]}})
     if drift is not None and drift.shown and DRIFTING in effects and DRIFTING not in point.effects:
         point = with_drift(point, drift.rate, [part.record for part in fitted.parts])
     tones = {name: tone_parameters(fitted, seen, name) for name in effects if name in TONES}

@@ -15,7 +15,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.advice.gain_choice import GainChoice
 from sim2real.advice.proposal import Plan
 from sim2real.coefficients import surplus
-from sim2real.compared.commands_seen import WITHIN
+from sim2real.compared.commands_seen import by_count
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.free.correction import Free
@@ -214,7 +214,7 @@ def fitted_parameters(candidate: Candidate) -> Mapping[str, Fitted]:
         at_bound = c.at_bound(float(fit.u[i]))
         se = None if at_bound or not known or sd[i] >= NOT_TOLD else _se(c, value, float(sd[i]))
         if counted := fit.hypothesis.seen.get(c.effect):  # which tells it better than what it does on average
-            value, se, at_bound = sum(counted) / 2, (counted[1] - counted[0]) / (2 * WITHIN), False
+            (value, se), at_bound = by_count(*counted), False
         found[f"{c.effect}.{c.parameter}"] = {"value": value, "se": se, "at_bound": at_bound}
     forms = list(enumerate(fit.hypothesis.calibrated, len(fit.hypothesis.coordinates)))
     shapes = fit.hypothesis.shapes

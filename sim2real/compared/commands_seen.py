@@ -9,7 +9,7 @@ How many are lost is counted where the command differs enough from the one befor
 is one that comes late, so that a simulation alone would make up for a delay by more of them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,12 +58,15 @@ class _Looked:
     runs: tuple[int, int] | None = None
 
 
+Commands = Sequence[Sequence[_Looked]]  # what each recording shows, axis by axis
+
+
 def share_lost(problem: Problem) -> tuple[float, float] | None:
     """Least and greatest probability of a loss by what was counted; None where the recordings show none.
 
     The ends are those under which as many or more, and as few or fewer, would be rare (Clopper and Pearson 1934).
     """
-    looked = [own for record in _able(problem) for own in record if own.likelier > LEAST]
+    looked = [own for record in looked_at(problem) for own in record if own.likelier > LEAST]
     told = sum(own.told for own in looked)
     if told < FEWEST:
         return None
@@ -75,25 +78,27 @@ def share_lost(problem: Problem) -> tuple[float, float] | None:
     return max(share - below, 0.0), min(share + above, 1.0)
 
 
-def seen_lost(problem: Problem) -> float:
-    """Twice the logarithm of the likelihood ratio of lost commands against any lag or limit.
+def by_count(low: float, high: float) -> tuple[float, float]:
+    """Probability of a loss and its standard error, by the ends that `share_lost` gives."""
+    return (low + high) / 2, (high - low) / (2 * WITHIN)
 
-    It is that of all recordings that hold command and current at the control rate; 0 where they show none.
-    """
-    totals = (sum(own.likelier for own in record) for record in _able(problem))
+
+def seen_lost(commands: Commands) -> float:
+    """Twice the logarithm of the likelihood ratio of lost commands against any lag or limit; 0 where none are lost."""
+    totals = (sum(own.likelier for own in record) for record in commands)
     return sum(total for total in totals if total > LEAST)
 
 
-def none_lost(problem: Problem) -> bool:
+def none_lost(commands: Commands) -> bool:
     """Whether recordings tell a loss of single commands one by one, and none shows it."""
-    looked = [own for record in _able(problem) for own in record]
+    looked = [own for record in commands for own in record]
     return sum(own.told for own in looked) >= FEWEST and all(own.likelier <= LEAST for own in looked)
 
 
-def runs_in_words(problem: Problem) -> list[str]:
+def runs_in_words(problem: Problem, commands: Commands) -> list[str]:
     """Notes on commands that were lost several in turn, as where a controller stalls."""
     said = []
-    for part, record in zip(_recording(problem), _able(problem), strict=True):
+    for part, record in zip(_recording(problem), commands, strict=True):
         for length, apart in [own.runs for own in record if own.runs is not None]:
             rate = part.record.nominal.control_rate
             every = f", every {1e3 * apart / rate:.3g} ms" if apart else ""
@@ -116,14 +121,17 @@ def _at_control_rate(record: Record | OpenRecord) -> bool:
     return COMMAND in record.series and e.recorded_rate == e.rig.control_rate
 
 
-def _able(problem: Problem) -> Iterator[list[_Looked]]:
+def looked_at(problem: Problem) -> Commands:
     """What each recording that holds command and current at the control rate shows, axis by axis."""
+    found = []
     for part in _recording(problem):
         record = part.record
         commands, first = (
             (record.command, record.first) if isinstance(record, OpenRecord) else (record.series[COMMAND], 0)
         )
-        yield [_looked(i[first:], u[first:]) for i, u in zip(record.series[CURRENT], commands, strict=True)]
+        pairs = zip(record.series[CURRENT], commands, strict=True)
+        found.append([_looked(i[first:], u[first:]) for i, u in pairs])
+    return found
 
 
 def _looked(current: np.ndarray, command: np.ndarray) -> _Looked:

@@ -72,18 +72,18 @@ def tones_on_lines(part: Part, point: Point) -> list[OnLine]:
     return found
 
 
-def with_tones_on_lines(problem: Problem, near: Point = NOMINAL) -> dict[str, Record]:
+def with_tones_on_lines(*problems: Problem, near: Point = NOMINAL) -> dict[str, Record]:
     """Name -> record of each recording with periods whose simulation is driven by the tones on its lines, too.
 
     Those of the rotation are an error of the reading, as a runout, or a force, as an unbalance: whichever leaves less
     on the lines that are compared. On a line that the drive excites, a tone is not told from a gap.
 
     Args:
-        problem: The recordings.
+        problems: The recordings, each of them in one or more.
         near: The best known parameters.
     """
     found = {}
-    for part in problem.parts:
+    for part in {p.record.name: p for problem in problems for p in problem.parts}.values():
         record, tones = part.record, tones_on_lines(part, near)
         tones = [tone for tone in tones if not record.excited[tone.line]]
         if tones and isinstance(record, Record) and record.nominal.controlled:  # else it is linear

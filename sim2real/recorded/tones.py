@@ -42,12 +42,17 @@ def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:
     return nearest if off[nearest] < 1 else None
 
 
+def order_of(frequency: float, family: str, speed_rpm: float) -> int:
+    """The harmonic of a family to which a frequency (Hz) is nearest; 1 is the fundamental."""
+    return 1 + int(np.argmin([abs(frequency - f) for f in families(speed_rpm)[family]]))
+
+
 def overtones(frequency: float, speed_rpm: float, resolution: float) -> list[float]:
     """Frequencies (Hz) of the higher harmonics beside a tone that is one of a known origin; none of another tone."""
     name = origin(frequency, speed_rpm, resolution)
     if name is None:
         return []
-    first = frequency / (1 + int(np.argmin([abs(frequency - f) for f in families(speed_rpm)[name]])))
+    first = frequency / order_of(frequency, name, speed_rpm)
     return [first * order for order in range(HARMONICS + 1, HIGHEST + 1)]
 
 

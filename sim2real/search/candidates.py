@@ -76,9 +76,14 @@ class Attribution:
         return np.inf if found is None else found.fit.cost
 
     @property
+    def best(self) -> Candidate:
+        """The candidate of the least predictive cost."""
+        return min(self.candidates, key=lambda c: c.predictive)
+
+    @property
     def simplest(self) -> Candidate:
         """The candidate with the fewest effects among those that are about as good as the best."""
-        least = min(c.predictive for c in self.candidates)
+        least = self.best.predictive
         near = [c for c in self.candidates if c.predictive < least + ABOUT]
         return min(near, key=lambda c: (len(c.effects), c.predictive))
 

@@ -26,7 +26,7 @@ def test_it_is_no_evidence_of_an_unknown_cause(monkeypatch, effects, left, count
         seen.update(tones=tones, drift=drift)
         raise StopIteration
 
-    names = ("sightings", "vibration_costs", "spin_costs", "seen_lost")
+    names = ("sightings", "vibration_costs", "spin_costs", "looked_at", "seen_lost")
     for name in names:
         monkeypatch.setattr(module, name, lambda *a: {})
     monkeypatch.setattr(module, "evidence", lambda seen: {})

@@ -17,6 +17,7 @@ from sim2real.compared.commands_seen import (
     WITHIN,
     _Looked,
     _looked,
+    looked_at,
     none_lost,
     runs_in_words,
     seen_lost,
@@ -65,20 +66,20 @@ def test_what_is_lost_is_seen(lost, noise, drive):
 def test_no_hypothesis_loses_more_commands_than_are_seen_lost(monkeypatch):
     """On average a delay is as good as more of them."""
     looked = _Looked(100.0, 130, 1000)
-    monkeypatch.setattr(commands_seen, "_able", lambda problem: [[looked], [_Looked(3.0, 400, 800)]])
+    monkeypatch.setattr(commands_seen, "looked_at", lambda problem: [[looked], [_Looked(3.0, 400, 800)]])
     low, high = share_lost(None)
     assert 0.09 < low < 0.11 and 0.15 < high < 0.17
     h = Hypothesis((), {}, seen={LOST: (low, high)}).instead("delay", LOST)
     u = np.array([c.at({"time": 3e-5, "probability": 0.3}[c.parameter]) for c in h.coordinates])
     assert h.point(h.bounded(u)).effects[LOST]["probability"] == pytest.approx(high)
-    monkeypatch.setattr(commands_seen, "_able", lambda problem: [[_Looked(3.0, 400, 800)]])
+    monkeypatch.setattr(commands_seen, "looked_at", lambda problem: [[_Looked(3.0, 400, 800)]])
     assert share_lost(None) is None
 
 
 @pytest.mark.parametrize("lost", [0, 1, 4, 200])
 def test_a_small_count_has_the_ends_of_its_binomial_distribution(monkeypatch, lost):
     """Four of 4466 had "at most 9.0", of which four or fewer come in 5.5 % of cases, and none had no end at all."""
-    monkeypatch.setattr(commands_seen, "_able", lambda problem: [[_Looked(100.0, lost, 4466)]])
+    monkeypatch.setattr(commands_seen, "looked_at", lambda problem: [[_Looked(100.0, lost, 4466)]])
     monkeypatch.setattr(commands_seen, "UNSURE", 0.0)
     low, high = share_lost(None)
     beyond = norm.cdf(-WITHIN)
@@ -171,12 +172,13 @@ def test_recordings_with_periods_tell_lost_commands_too(tmp_path):
         return SimpleNamespace(parts=[SimpleNamespace(record=replace(records[0], series=series))])
 
     sound, lossy, stalls = problem(command), problem(with_lost(command, 0.1, rng)), problem(stalled(command, 8, 237))
-    assert seen_lost(sound) == seen_lost(stalls) == 0.0 and seen_lost(lossy) > LEAST
-    assert none_lost(sound) and none_lost(stalls) and not none_lost(lossy)
+    looked = {one: looked_at(own) for one, own in (("sound", sound), ("lossy", lossy), ("stalls", stalls))}
+    assert seen_lost(looked["sound"]) == seen_lost(looked["stalls"]) == 0.0 and seen_lost(looked["lossy"]) > LEAST
+    assert none_lost(looked["sound"]) and none_lost(looked["stalls"]) and not none_lost(looked["lossy"])
     low, high = share_lost(lossy)
     assert low < 0.1 < high < 0.15 and share_lost(sound) is None
-    assert runs_in_words(sound) == runs_in_words(lossy) == []
-    (said,) = runs_in_words(stalls)
+    assert runs_in_words(sound, looked["sound"]) == runs_in_words(lossy, looked["lossy"]) == []
+    (said,) = runs_in_words(stalls, looked["stalls"])
     assert said.startswith("base") and "does the controller stall?" in said
     every_other = replace(records[0], experiment=replace(records[0].experiment, sample_rate=rate / 2))
-    assert not none_lost(SimpleNamespace(parts=[SimpleNamespace(record=every_other)]))
+    assert not none_lost(looked_at(SimpleNamespace(parts=[SimpleNamespace(record=every_other)])))

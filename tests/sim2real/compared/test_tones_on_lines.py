@@ -71,4 +71,4 @@ def test_what_a_gap_leaves_on_a_driven_line_is_no_tone_that_is_simulated(tmp_pat
 def test_a_simulation_that_touches_down_tells_no_tone(tmp_path):
     problem = recorded(tmp_path, effect("runout", 4e-6), louder=1.0)
     falls = Point({"negative_stiffness": {"change": 8.0}}, {})
-    assert tones_on_lines(problem.parts[0], falls) == [] and with_tones_on_lines(problem, falls) == {}
+    assert tones_on_lines(problem.parts[0], falls) == [] and with_tones_on_lines(problem, near=falls) == {}
