@@ -1,6 +1,6 @@
 """One axis of one recording as the rules look at it: channels, what is stated of them, and their spectra."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -124,7 +124,8 @@ class View:
         # The first period may hold the start of the excitation, which few periods cannot tell.
         first = max(first, 1 if len(spectra) > 2 else 0)
         fundamental = next(e.fundamental for e in self.excitations if e.periodic)
-        parts = {name: spectra[first:, i] for i, name in enumerate(names)}
+        steady = _without_drift(spectra[first:], blocks[kept[first:]].mean(axis=-1), kept[first:], harmonics * every)
+        parts = {name: steady[:, i] for i, name in enumerate(names)}
         return Lines(harmonics * fundamental, parts, True, harmonics, kept[first])
 
     def _segments(self) -> Lines:
@@ -166,3 +167,21 @@ class View:
         channels = {name: values[::multiple] for name, values in self.channels.items()}
         masked = None if self.masked is None else self.masked[::multiple]
         return replace(self, rate=self.rate / multiple, channels=channels, masked=masked)
+
+
+def _without_drift(spectra: np.ndarray, means: np.ndarray, at: Sequence[int], lines: np.ndarray) -> np.ndarray:
+    """Spectra of blocks (blocks, channels, n) without the slope by which the means of the blocks follow each other.
+
+    What drifts does not repeat: the step from the end of a block to its beginning is in all its lines, the lowest above
+    all, which a high-pass would take away.
+
+    Args:
+        spectra: Amplitudes of lines.
+        means: Of the blocks (blocks, channels).
+        at: Numbers of the blocks, in order.
+        lines: Harmonic numbers (n,) of a block.
+    """
+    if len(means) < 2:
+        return spectra
+    # A ramp of one a block has the amplitude j / (pi h) on its harmonic h.
+    return spectra - np.gradient(means, at, axis=0)[..., None] * (1j / (np.pi * lines))

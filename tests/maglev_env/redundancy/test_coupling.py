@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from maglev_env.loop.gains import controller_output
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.redundancy.coupling import _corner
 from maglev_env.redundancy.relation import Relation
@@ -120,3 +121,14 @@ def test_slow_parts_that_a_record_without_a_period_lacks_are_told(tmp_path):
         np.savez(tmp_path / "steps.npz", **(sound | {"displacement": filtered}))
         found = examine(load_campaign(tmp_path))
         assert any(f.code == "filter" and "slow parts" in f.message for f in found)
+
+
+def test_a_rotor_whose_mean_moves_is_neither_ac_coupled_nor_under_another_gain(tmp_path):
+    """A ramp steps back at the end of each period, and its lines are no response."""
+    folder = campaigns.campaign(tmp_path, names=("base",))
+    sound, (recording,) = dict(np.load(folder / "base.npz")), load_campaign(folder).recordings
+    ramp = 1e-5 * np.arange(sound["displacement"].size) / 20000
+    made = controller_output(recording.gains, dt=1 / 20000, displacement=ramp)
+    moved = {"displacement": ramp, "command": made, "current": made}
+    np.savez(folder / "base.npz", **(sound | {name: sound[name] + change for name, change in moved.items()}))
+    assert not any(f.code == "filter" for f in examine(load_campaign(folder)))
