@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, pi, sqrt
 
 from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
@@ -241,18 +241,28 @@ def _refitted(diagnosis: Diagnosis) -> str:
 def _whole_lags(diagnosis: Diagnosis) -> list[str]:
     """How long a block lags in all where a lag of it is named and this says more than the time constant alone: where a
     part is simulated as dead time, or the stated time constant has no tolerance or moved beyond it, and each share says
-    nothing."""
+    nothing. A loop of second order with a lead hardly lags: it is said what it is."""
     found, effects, causes = [], diagnosis.corrected.effects, causes_of(diagnosis)
     for effect, name in REPLACED.items():
         change, sure = diagnosis.corrected.changes.get(name, 0.0), diagnosis.rig.tolerance.get(name, inf)
         shared = name in usual_tolerances(diagnosis.rig) or abs(change) >= sure
         if effect not in effects or not (shared or dead_part(effects, effect, causes, diagnosis.rig.effects)):
             continue
-        stated = getattr(diagnosis.rig, name)
+        stated, block = getattr(diagnosis.rig, name), effect.removesuffix("_lag")
+        if effects[effect].get("lead"):
+            found.append(f"the {block} is {_loop_in_words(stated * (1 + change), **effects[effect])}")
+            continue
         whole = stated * (1 + change) + added_lag(effects, effect, causes, diagnosis.rig.effects)
-        block = effect.removesuffix("_lag")
         found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")
     return found
+
+
+def _loop_in_words(first: float, time_constant: float, lead: float, feedback: float = 0.0) -> str:
+    """What poles of the time constants `first` and `time_constant` (s) are together, see the card of amplifier_lag."""
+    turn = 1 / sqrt(first * time_constant)
+    damping = (first + (1 - feedback) * time_constant) * turn / 2
+    natural, zero = (quantity(rate / (2 * pi), None, "Hz") for rate in (turn, 1 / (lead * time_constant)))
+    return f"a loop of second order of {natural} with a damping ratio of {damping:.2g}, and a zero at {zero}"
 
 
 def causes_of(diagnosis: Diagnosis) -> frozenset[str]:

@@ -17,13 +17,18 @@ from maglev_lanes.pieces import piece
 EFFECTS: Mapping[str, EffectCard] = {
     "amplifier_lag": EffectCard(
         "amplifier",
-        first_order() | {"feedback": Parameter("", -2.0, 0.95, 0.0, scale=1.0, shape=0.4)},
-        "a second amplifier pole 1 / (1 + s T) after the nominal one; with feedback a second-order loop, "
-        "1 / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T)",
+        first_order()
+        | {
+            "feedback": Parameter("", -2.0, 0.95, 0.0, scale=1.0, shape=0.4),
+            "lead": Parameter("", 0.0, 1.5, 0.0, scale=1.0, shape=0.5, apart_from=("amplifier_voltage_limit",)),
+        },
+        "a second amplifier pole 1 / (1 + s T) after the nominal one; with feedback and lead a second-order loop, "
+        "(1 + lead s T) / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T): a current loop with integral action is one with "
+        "a lead of 1 and a feedback of T_0 / T",
         "command and current",
         ("magnets",),
         form_share=0.0005,  # its fits have a dead time and a feedback
-        plain_kernel=("feedback",),
+        plain_kernel=("feedback", "lead"),
     ),
     "amplifier_voltage_limit": EffectCard(
         "amplifier",
@@ -52,11 +57,18 @@ def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndar
     """Signal of the coil's current (A): the command (a signal, A) after the amplifier's poles."""
     first, second = values.rig("amplifier_time_constant"), values.effect("amplifier_lag")
     current = system.lags(STATES, (first, second), command)
-    feedback = np.where((first > 0) & (second > 0), values.effect("amplifier_lag", "feedback"), 0.0)
+    both = (first > 0) & (second > 0)
+    feedback, lead = (np.where(both, values.effect("amplifier_lag", name), 0.0) for name in ("feedback", "lead"))
+    per_first = np.divide(system.step, first, out=np.zeros(len(first)), where=both)
     if feedback.any():
         x1, x2 = (system.signal(name) for name in STATES)
-        rate = np.divide(system.step * feedback, first, out=np.zeros(len(first)), where=first > 0)
-        system.add(STATES[0], rate[:, None] * (x1 - x2))
+        system.add(STATES[0], (per_first * feedback)[:, None] * (x1 - x2))
+    if lead.any():
+        # The command enters the second pole itself, so that its output stays the current.
+        ahead = per_first * lead
+        less = ahead * (1 - feedback) * np.divide(second, first, out=np.zeros(len(first)), where=both)
+        system.add(STATES[1], ahead[:, None] * command)
+        system.add(STATES[0], -less[:, None] * command)
     return current
 
 

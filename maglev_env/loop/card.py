@@ -77,6 +77,7 @@ class Parameter:
         needs: what a rig must have for this parameter to mean anything, beside what its effect needs.
         added: of something that the form adds, such as a further mode. One such parameter is its size, 0 by default,
             with a scale; a fit seeks where it lies at all combinations of the starts of the others.
+        apart_from: effects beside which it is not simulated.
     """
 
     unit: str
@@ -96,6 +97,7 @@ class Parameter:
     beyond_rest: bool = False
     needs: tuple[Need, ...] = ()
     added: bool = False
+    apart_from: tuple[str, ...] = ()
 
     def is_meant_on(self, scales: Scales) -> bool:
         """Whether the rig of these scales has what the parameter needs."""

@@ -179,6 +179,7 @@ def check_effects(effects: Effects, rig: Levitated, finer: float = 1.0) -> None:
             raise ValueError(f'effect {name} = {values!r:.50}: give its parameters by name, as effect("{name}", value)')
         for key, v in effect(name, **values)[name].items():
             _check_parameter(name, key, v, rig)
+            _check_beside(name, key, v, effects)
             _check_bounds(name, key, v, scales, f" on rig {rig.name}")
         for need in EFFECTS[name].needs:
             if need not in rig.capabilities:
@@ -195,6 +196,14 @@ def _check_parameter(name: str, key: str, v: float, rig: Levitated) -> None:
             f"effect {name}.{key} has no meaning on rig {rig.name}: it needs {NEEDS[lacking[0]]}; give one of "
             f"{', '.join(others)} instead"
         )
+
+
+def _check_beside(name: str, key: str, v: float, effects: Effects) -> None:
+    """Refuse a parameter beside an effect with which it is not simulated."""
+    parameter = EFFECTS[name].parameters[key]
+    beside = [other for other in parameter.apart_from if other in effects]
+    if beside and v != parameter.absent:
+        raise ValueError(f"effect {name}.{key} is not simulated beside {beside[0]}; leave one of them out")
 
 
 def meaningful(name: str, capabilities: Set[Need]) -> bool:

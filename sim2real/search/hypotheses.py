@@ -163,8 +163,9 @@ class Hypothesis:
     @cached_property
     def shapes(self) -> Mapping[str, Shape]:
         """Coordinates of the forms that are free, by name."""
-        free = (s for name in self.effects if name in self.shaped for s in shapes_of(name, self.scales))
-        return {s.name: s for s in free if s.key not in self.given.get(s.effect, {})}
+        all_forms = (s for name in self.effects if name in self.shaped for s in shapes_of(name, self.scales))
+        free = (s for s in all_forms if s.key not in self.given.get(s.effect, {}))
+        return {s.name: s for s in free if not set(self.effects).intersection(s.parameter.apart_from)}
 
     def instead(self, *effects: str) -> "Hypothesis":
         """Other effects on the same rig; the form stays free of those that stay."""
@@ -268,7 +269,7 @@ def added_lag(effects: Effects, name: str, causes: Collection[str], own: Effects
     """Time in s by which a lag among effects ("amplifier_lag" or "sensor_lag") makes its block later.
 
     It is the time constant, less what feedback around it takes away, and the part of it that is dead time; own: effects
-    of the nominal rig.
+    of the nominal rig. What a lead takes away counts: a current loop that hardly lags has its poles in spite of it.
     """
     values = effects.get(name, {})
     return (1 - values.get("feedback", 0.0)) * values.get("time_constant", 0.0) + dead_part(effects, name, causes, own)

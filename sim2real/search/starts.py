@@ -15,10 +15,14 @@ from sim2real.search.shapes import shapes_of
 # Starts of a knee at another place: multiples of the current that is reached, with the coordinate of its sharpness.
 ELSEWHERE, SHARPNESS = ((0.7, 0.0), (1.5, 0.0), (3.0, 0.0), (1.5, -1.2), (3.0, -1.2), (6.0, -1.2)), "sharpness"
 LEAST_BEYOND = 0.3
-# Forms that are another effect altogether while what they stand for is strong, and where they begin then: under ripple,
-# iron lags in time.
+# Forms that are another effect altogether while what they stand for is strong: under ripple, iron lags in time.
 DITHERS: Mapping[str, tuple[str, ...]] = {"hysteresis": ("hysteresis.ripple",)}
-DITHERED_AT = (0.5, 1.5, 2.5)
+# Where fits begin in forms that no fit of the plain formula leads to, in standard deviations. A current loop with
+# integral action overshoots and hardly lags.
+ANOTHER: Mapping[str, tuple[Mapping[str, float], ...]] = {
+    **{name: tuple({key: at} for key in keys for at in (0.5, 1.5, 2.5)) for name, keys in DITHERS.items()},
+    "amplifier_lag": ({"amplifier_lag.lead": 2.0, "amplifier_lag.feedback": 0.4},),
+}
 
 
 def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
@@ -32,8 +36,8 @@ def starts(name: str, scales: Scales = SMALL_ROTOR) -> list[np.ndarray]:
 
 
 def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default, and under
-    what makes another effect of it (DITHERS).
+    """Starts of one effect alone at the other places where it may sit, as forms with an infinite default, and in the
+    forms that make another effect of it (ANOTHER).
 
     At a knee its plain parameters are at their upper bounds, where they change nothing. A knee that lies far above the
     currents of the recordings changes nothing either, and far below them no rotor levitates. A smooth one bends far
@@ -59,9 +63,9 @@ def starts_elsewhere(hypothesis: Hypothesis, name: str, reached: float) -> list[
             if smooth in free.shapes:
                 u[len(free.coordinates) + free.calibrated.index(smooth)] = rounder
             found.append((free, u))
-    for key in (key for key in DITHERS.get(name, ()) if key in free.shapes):
-        for at, start in product(DITHERED_AT, starts(name, hypothesis.scales)):
+    for form, start in product(ANOTHER.get(name, ()), starts(name, hypothesis.scales)):
+        if free.shapes.keys() >= form.keys():
             u = np.concatenate([start, np.zeros(len(free.calibrated))])
-            u[len(free.coordinates) + free.calibrated.index(key)] = at
+            u[[len(free.coordinates) + free.calibrated.index(key) for key in form]] = list(form.values())
             found.append((free, u))
     return found

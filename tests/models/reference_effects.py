@@ -63,7 +63,7 @@ class FullAxis(Axis):
         self.power, self.unloading = value("hysteresis", "power"), value("hysteresis", "unloading")
         self.ripple = value("hysteresis", "ripple")
         self.static, self.stribeck, self.gradual = (value("friction", k) for k in ("static", "stribeck", "gradual"))
-        self.feedback = value("amplifier_lag", "feedback")
+        self.feedback, self.lead = (value("amplifier_lag", key) for key in ("feedback", "lead"))
         self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
         direct, weights, rates = eddy_branches(*(value("eddy_current", k) for k in (None, "order", "depth_hz")))
         self.direct, self.weights, self.rates = float(direct), weights.tolist(), rates.tolist()
@@ -104,6 +104,8 @@ class FullAxis(Axis):
         self.size = self.first_sensor + len(self.sensor) - first
 
     def current(self, x, command):
+        if self.lead:
+            return (1 - self.lead) * x[self.branch - 1] + self.lead * x[self.branch - 2]
         return x[self.branch - 1] if self.amplifier else command
 
     def pulling(self, x, command):
@@ -178,9 +180,9 @@ class FullAxis(Axis):
             on_springs.append((rv, held_back))
         slopes = [v, a]
         source = bent_by(command, self.knees[1], self.knees[2])
-        rate = 0.0
+        rate = before = 0.0
         for j, time in enumerate(self.amplifier, self.first_amplifier):
-            rate = (source - x[j]) / time
+            before, rate = rate, (source - x[j]) / time
             if j == self.first_amplifier and self.feedback:
                 rate += self.feedback * (x[j] - x[j + 1]) / time
             if j == self.first_amplifier and np.isfinite(self.limit):
@@ -188,6 +190,8 @@ class FullAxis(Axis):
                 rate = min(max(rate, low), high)
             slopes.append(rate)
             source = x[j]
+        if self.lead:
+            rate, source = (1 - self.lead) * rate + self.lead * before, self.current(x, command)
         slopes += [rate_k * (source - z) for rate_k, z in zip(self.rates, x[self.branch : self.held], strict=True)]
         z, toward = x[self.held], 1.0 if rate > 0 else -1.0
         back = z * abs(z) ** (self.power - 1) * (1.0 if z * toward > 0 else self.unloading)
