@@ -23,8 +23,8 @@ EFFECTS: Mapping[str, EffectCard] = {
             "lead": Parameter("", 0.0, 1.5, 0.0, scale=1.0, shape=0.5, apart_from=("amplifier_voltage_limit",)),
         },
         "a second amplifier pole 1 / (1 + s T) after the nominal one; with feedback and lead a second-order loop, "
-        "(1 + lead s T) / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T): a current loop with integral action is one with "
-        "a lead of 1 and a feedback of T_0 / T",
+        "(1 + lead s T) / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T): a current loop with integral action has a lead "
+        "of 1 and a feedback of T_0 / T",
         "command and current",
         ("magnets",),
         form_share=0.0005,  # its fits have a dead time and a feedback
