@@ -51,5 +51,4 @@ def expected_statistics(experiment: Experiment, lines: np.ndarray) -> LineStatis
 
 def reading_noise(rig: Rig) -> float:
     """Rms of the noise of the reading of one axis, m: the probe's own, and the rounding of its converter."""
-    lsb = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
-    return float(np.hypot(rig.noise.displacement, lsb / np.sqrt(12)))
+    return float(np.hypot(rig.noise.displacement, rig.reading_step / np.sqrt(12)))

@@ -203,7 +203,7 @@ def _dominated(view: View) -> np.ndarray:
     keep = view.mass * (2 * np.pi * lines.frequency) ** 2 > DOMINATES * stiffness
     if not lines.periodic:
         y = lines.parts["displacement"]
-        step = 2 * rig.voltage_range / 2**rig.adc_bits / rig.probe_gain if rig.adc_bits else 0.0
+        step = rig.reading_step
         white = max(rig.noise.displacement**2 + step**2 / 12, _floor(view.channels["displacement"]))
         length = round(view.rate / (lines.frequency[1] - lines.frequency[0])) if lines.frequency.size > 1 else 1
         window = 0.375 * length  # power of a Hann window

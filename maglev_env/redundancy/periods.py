@@ -17,6 +17,7 @@ FAINT = 1e-3  # of the strongest line's power: lines that place no shift
 CLEAR = 6.0  # standard errors of a shift between periods
 SHIFTED, COPY = 0.5, 0.2  # samples; share of a block's power that may differ from a shifted copy
 SPIKE = 14.0  # robust standard deviations; of 1e8 Gaussian samples the largest is 6, a sum of a few sines has 2
+STEPS = 4.0  # of a channel's converter: where its steps are larger than the noise, it goes to and fro by single ones
 FEW = 3  # periods of which one may be unlike both others by what turns, or hums, beside the lines
 OTHER = 20.0  # times the usual power of a period's difference from the others
 LEVEL = 1e-5  # probability of a drift under noise alone
@@ -103,6 +104,14 @@ def _shift(one: np.ndarray, other: np.ndarray, lines: np.ndarray, samples: int) 
     return float(shift), float(left / power) if power else 1.0
 
 
+def _step(view: View, name: str) -> float:
+    """Step of the converter that rounds a channel, in its unit; 0 where none is stated."""
+    if view.rig is None:
+        return 0.0
+    steps = {"displacement": view.rig.reading_step} | dict.fromkeys(("command", "current"), view.rig.command_step)
+    return steps.get(name, 0.0)
+
+
 def outliers(view: View) -> list[Finding]:
     """Samples or whole periods of a channel, of those that are used, that are far from those of the other periods."""
     if not view.periodic:
@@ -134,7 +143,8 @@ def outliers(view: View) -> list[Finding]:
         p, k = np.unravel_index(int(np.argmax(np.abs(rest))), rest.shape)
         when = ((kept[p] + first) * samples + k) / view.rate
         unit = unit_of(name)
-        if worst > SPIKE * sigma and worst > 0.01 * size and power.max() < OTHER * max(np.median(power), sigma**2):
+        far = worst > max(SPIKE * sigma, 0.01 * size, STEPS * _step(view, name))
+        if far and power.max() < OTHER * max(np.median(power), sigma**2):
             text = (
                 f"{name}: a spike of {worst:.3g} {unit} at {when:.5g} s, {worst / sigma:.0f} times the noise; leave "
                 "its period out (start, samples)"

@@ -215,6 +215,16 @@ class Rig:
         """Whether the rig has an actuator for a controller to use."""
         return self.magnet != NO_MAGNET
 
+    @property
+    def reading_step(self) -> float:
+        """Step of the converter that reads the displacement, m; 0 of one that does not round."""
+        return 2 * self.voltage_range / 2**self.adc_bits / self.probe_gain if self.adc_bits else 0.0
+
+    @property
+    def command_step(self) -> float:
+        """Step of the converter that gives the command, A; 0 of one that does not round."""
+        return 2 * self.voltage_range * self.amplifier_gain / 2**self.dac_bits if self.dac_bits else 0.0
+
     @cached_property
     def by_axis(self) -> tuple["Rig", ...]:
         """See `axis_rig`."""

@@ -169,9 +169,8 @@ def _coefficients(rotor: Rotor) -> tuple[np.ndarray, np.ndarray]:
 def _noise_current(rotor: Rotor, speed: float, whole: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Current (2,) A rms of one coil pair at each plane, from the noise and the steps of probes and converters."""
     axis = rotor.axis
-    steps = [2 * axis.voltage_range / 2**bits if bits else 0.0 for bits in (axis.adc_bits, axis.dac_bits)]
-    reading = axis.noise.displacement**2 + (steps[0] / axis.probe_gain) ** 2 / 12
-    command = (steps[1] * axis.amplifier_gain) ** 2 / 12
+    reading = axis.noise.displacement**2 + axis.reading_step**2 / 12
+    command = axis.command_step**2 / 12
     _, b, _ = sampled(rotor, speed)
     held = np.vstack([b[:, :2], np.zeros((len(whole) - 8, 2))])
     power = reading * error @ error.conj().T + command * held @ held.conj().T

@@ -83,9 +83,8 @@ def _stated(record: OpenRecord, outputs: Sequence[str]) -> np.ndarray:
     """Variance (outputs, axes, n) of the opened displacement by the noise that the rig states, converters included."""
     rig, loop = record.nominal, nominal_loop(record)
     plant = np.repeat(np.mean(abs(loop.blocks.plant.reshape(-1, *loop.shape)) ** 2, axis=-1), KEPT, axis=-1)
-    adc, dac = (2 * rig.voltage_range / 2**bits if bits else 0.0 for bits in (rig.adc_bits, rig.dac_bits))
-    reading = rig.noise.displacement**2 + (adc / rig.probe_gain) ** 2 / 12
-    current = rig.noise.current**2 + (dac * rig.amplifier_gain) ** 2 / 12
+    reading = rig.noise.displacement**2 + rig.reading_step**2 / 12
+    current = rig.noise.current**2 + rig.command_step**2 / 12
     of_force = np.repeat(noise_of_force(record, loop, outputs), KEPT, axis=-1)
     return 4 / record.windows.samples * (reading + plant * current) + of_force
 

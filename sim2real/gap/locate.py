@@ -217,8 +217,7 @@ def controller_distance(problem: Problem) -> float | None:
             law = law - part.opened.from_current * r.periods["current"]
         off = r.periods["command"] - law
         rig, n = r.nominal, r.experiment.recorded_per_period
-        step = 2 * rig.voltage_range * rig.amplifier_gain / 2**rig.dac_bits if rig.dac_bits else 0.0
-        resolution = step**2 / 12 * 4 / n
+        resolution = rig.command_step**2 / 12 * 4 / n
         size = abs(r.periods["command"]).mean() ** 2 * 1e-10
         mean = off.mean(axis=0)
         noise = off.var(axis=0, ddof=1) / r.count + resolution + size

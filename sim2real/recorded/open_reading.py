@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +33,7 @@ from sim2real.recorded.not_stable import not_stable
 from sim2real.recorded.open_record import OpenRecord, compared
 from sim2real.recorded.static_load import load_in_words, static_load
 from sim2real.recorded.ticks import between_ticks, led_in, substeps, ticks_of
+from sim2real.recorded.unstated_controller import unstated_controller
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,7 +97,8 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         # The current under a measured voltage is a better drive than what the nominal amplifier makes of a stated
         # controller: it has what the motion induces, and every limit.
         under_voltage = driven_by_voltage(rig, channels)
-        drive = drive_of(rig, spec, channels, known=not under_voltage, smooth=under_voltage)
+        unstated = spec.gains is None and unstated_controller(rig, channels, spec.sample_rate)
+        drive = drive_of(rig, spec, channels, known=not (under_voltage or unstated), smooth=under_voltage)
         if not drive.stand_in and (wrong := not_stable(drive.experiment)):
             # The recorded loop held the rotor: what the magnets did is in their current, whatever made it. A command
             # goes through the amplifier, which may be what is stated wrong.
@@ -103,7 +106,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
                 raise TellsNothing(wrong, "correct it, or record the current in the coil")
             drive = drive_of(rig, spec, channels, known=False)
             drive = replace(drive, notes=(f"{wrong}; it is not used", *drive.notes))
-        other = None if dataset.attrs.get("resampled") else _other_controller(drive, spec, channels)
+        other = None if dataset.attrs.get("resampled") else _other_controller(rig, drive, spec, channels)
         if other is not None:
             drive = drive_of(rig, spec, channels, known=False)
             drive = replace(drive, notes=(other, *drive.notes))
@@ -177,7 +180,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         load=load,
         along=along and along.at(looked),
         instants=None if instants is None else between_ticks(instants, drive.every),
-        notes=(*notes, *drive.notes, *stretch.notes, *load_in_words(load)),
+        notes=(*notes, *drive.notes, *stretch.notes, *load_in_words(load, spec.name)),
     )
     if not drive.stand_in or drive.source is None:
         return record
@@ -235,7 +238,7 @@ def _as_simulated(drive: Drive, channels: Mapping[str, np.ndarray], instants: np
     return driving
 
 
-def _other_controller(drive: Drive, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) -> str | None:
+def _other_controller(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) -> str | None:
     """What is said of a command that the stated controller does not make of what drives it, all of which is recorded.
 
     What it makes otherwise would count as an injection, and drive the simulated loop.
@@ -245,7 +248,7 @@ def _other_controller(drive: Drive, spec: RecordingSpec, channels: Mapping[str, 
         return None
     if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
         return None
-    if (share := drive.not_made(channels)) < NOT_MADE:
+    if (share := drive.not_made(channels, rig.command_step / sqrt(12))) < NOT_MADE:
         return None
     return (
         f"the stated controller is not the one that made the command: {100 * share:.0f} % of it does not follow from "

@@ -249,8 +249,7 @@ def _resolution(record: Record, opened: Opened) -> Mapping[str, np.ndarray]:
     found = {"plant": np.zeros(opened.plant.shape), "amplifier": np.zeros(opened.plant.shape)}
     for axis in range(record.axes):
         own = axis_rig(record.nominal, axis)
-        adc = 2 * own.voltage_range / 2**own.adc_bits / own.probe_gain if own.adc_bits else 0.0
-        dac = 2 * own.voltage_range * own.amplifier_gain / 2**own.dac_bits if own.dac_bits and rig.controlled else 0.0
+        adc, dac = own.reading_step, own.command_step if rig.controlled else 0.0
         found["plant"][axis] = (adc**2 + abs(opened.plant[axis]) ** 2 * dac**2) / 12 * 4 / n
         found["amplifier"][axis] = abs(opened.amplifier[axis]) ** 2 * dac**2 / 12 * 4 / n
     return found

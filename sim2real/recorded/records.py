@@ -30,6 +30,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.static_load import Load, load_in_words, static_load
 from sim2real.recorded.ticks import jitters
 from sim2real.recorded.tones import ON_LINE, near_tones
+from sim2real.recorded.unstated_controller import unstated_controller
 from sim2real.recorded.wander import without_leak, without_wander
 
 WITHOUT_PERIOD = "the ticks of its controller jitter, so it is compared as one that does not repeat"
@@ -174,11 +175,6 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     if signals.axes != axes:
         raise ValueError(f"{where}: one axis of a rig of two; a diagnosis compares both: record x and y, or use a "
                          "rig TOML with axes = 1")  # fmt: skip
-    if rig.controlled and spec.gains is None and not rig.support_stiffness:
-        # Without its controller the loop has no response to compare; what the current did to the rotor is still known.
-        found = open_record(campaign, spec, dataset)
-        return replace(found, notes=(WITHOUT_CONTROLLER, *found.notes))
-    gains = spec.gains if spec.gains is not None else NO_CONTROLLER
     names = suffixes(axes)
     channels = {
         kind: np.array([signals.channels[kind + s] for s in names])
@@ -187,6 +183,12 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     }
     if "displacement" not in channels:
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
+    stands = rig.support_stiffness and not unstated_controller(rig, channels, spec.sample_rate)
+    if rig.controlled and spec.gains is None and not stands:
+        # Without its controller the loop has no response to compare; what the current did to the rotor is still known.
+        found = open_record(campaign, spec, dataset)
+        return replace(found, notes=(WITHOUT_CONTROLLER, *found.notes))
+    gains = spec.gains if spec.gains is not None else NO_CONTROLLER
     multiple, every = sampling(spec.sample_rate, rig.control_rate)
     channels = {kind: values[:, ::multiple] for kind, values in channels.items()}
     excitations = tuple(e.on_grid(signals.sample_rate) for e in signals.excitations if e.periodic)
@@ -224,7 +226,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     periods = without_leak(periods, lines, excited, n)
     load = _load(e, channels, whole, every)
     waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
-    notes = (*signals.assumed, *load_in_words(load))
+    notes = (*signals.assumed, *load_in_words(load, spec.name))
     notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
     start = dropped / e.fundamental
     return Record(

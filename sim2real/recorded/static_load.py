@@ -25,7 +25,9 @@ from sim2real.recorded.along_motion import NEAREST, Motion, currents, law_along
 
 ECCENTRIC, OFFSET = "eccentricity", "actuator_offset"
 RESTING = (ECCENTRIC, OFFSET)  # effects that say where a rotor rests between its magnets
-LEAST = 1e-3  # of the gap: what a load moves the point at which the magnets alone balance, from which it counts
+# Of the gap: what a load moves the point at which the magnets alone balance, from which it counts, and from which it is
+# said, because half a step of a converter moves it by less.
+LEAST, SAID = 1e-3, 1e-2
 SAMPLES = 4000  # of a motion, that tell its mean pull
 
 
@@ -38,12 +40,14 @@ class Load:
         place: Displacement at some samples, (axes, n), m.
         current: At the begin and at the end of the control steps of these samples, (2, axes, n), A.
         felt: Mean measured force, (axes,), N.
+        said: Whether it is large enough to be said.
     """
 
     nominal: np.ndarray
     place: np.ndarray
     current: np.ndarray
     felt: np.ndarray
+    said: bool = True
 
     def __call__(self, e: Experiment) -> np.ndarray:
         """What the rig of an experiment needs, (axes,), N; none where an effect that it has not by itself says where it
@@ -87,9 +91,9 @@ def static_load(e: Experiment, motion: Motion, felt: np.ndarray) -> Load | None:
     n = motion.reading.shape[1]
     some = np.unique(np.linspace(0, n - 1, SAMPLES).round().astype(int))
     found = Load(np.zeros(rig.axes), motion.reading[:, some], np.array(currents(e, motion))[..., some], felt)
-    found = replace(found, nominal=_lacking(e, found))
-    least = np.array([LEAST * abs(linearise(law)[1]) * rig.gap for law in pairs])
-    return found if (abs(found.nominal) > least).any() else None
+    lacking = _lacking(e, found)
+    moves = abs(lacking) / [abs(linearise(law)[1]) * rig.gap for law in pairs]
+    return replace(found, nominal=lacking, said=bool((moves > SAID).any())) if (moves > LEAST).any() else None
 
 
 def _lacking(e: Experiment, load: Load) -> np.ndarray:
@@ -112,13 +116,13 @@ def _bent_springs(effects: Effects, y: np.ndarray) -> np.ndarray:
     return effect_value(effects, "cubic_spring") * y**3 + stopped
 
 
-def load_in_words(load: Load | None) -> list[str]:
-    """What is said of a load, if there is one."""
-    if load is None:
+def load_in_words(load: Load | None, recording: str) -> list[str]:
+    """What is said of the load of a recording, if there is one."""
+    if load is None or not load.said:
         return []
     sizes = ", ".join(f"{own:.2g}" for own in load.nominal)
     return [
-        f"where the rotor rests, the nominal magnets lack a constant force of {sizes} N (a load or a weight, an "
+        f"{recording}: where the rotor rests, the nominal magnets lack a constant force of {sizes} N (a load or a weight, an "
         "eccentricity, the zero of a channel, or beside the centre another stiffness; the means do not tell which): it "
         "is simulated with that force, except where an eccentricity or an offset of the current is taken for it"
     ]

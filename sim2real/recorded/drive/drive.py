@@ -32,6 +32,7 @@ from sim2real.recorded.ticks import between_ticks
 
 # Share of the bias current from which what a stand-in makes of noise is kept from it: a tenth stiffens a pair by 1 %.
 SHAKEN = 0.1
+HOLDS = 0.1  # samples: up to this time constant of an amplifier its current is held as the command is
 UNLIMITED = 1e4  # V: range of the converters of a stand-in
 
 
@@ -122,7 +123,7 @@ class Drive:
         sampled = slice(None, None, self.every)
         return Driving(waves, (output + injection)[:, sampled], (injection + caused)[:, sampled])
 
-    def not_made(self, channels: Mapping[str, np.ndarray]) -> float:
+    def not_made(self, channels: Mapping[str, np.ndarray], rounding: float = 0.0) -> float:
         """Share of the command's rms that the stated controller does not make of the recorded channels.
 
         All that drives the loop besides must be recorded, and the command has no limit. The second half of a recording
@@ -130,6 +131,7 @@ class Drive:
 
         Args:
             channels: channel -> (axes, samples); those of reference and injection are what was added.
+            rounding: standard deviation of what the command's converter rounds off, A.
         """
         added = self.driving(channels).waves["current"]  # with what the reference causes
         if "injection" in channels:
@@ -139,6 +141,7 @@ class Drive:
             wanted = self._between(channels["reference"])
             added = added - [referred(of_axis(gains, axis), r, dt) for axis, r in enumerate(wanted)]
         rest, whole = (series[:, series.shape[1] // 2 :].std(axis=1) for series in (added, channels["command"]))
+        rest = np.sqrt(np.maximum(rest**2 - rounding**2, 0.0))
         return float(np.max(rest / np.maximum(whole, np.finfo(float).tiny)))
 
     def between(self, frequency: np.ndarray) -> np.ndarray:
@@ -255,7 +258,7 @@ def _stood_in(
         every: control samples of the rig for each recorded one; 0 where the rates do not fit.
         smooth: as of `drive_of`.
     """
-    finer = finer_steps(rig, spec.sample_rate)
+    finer, lags = finer_steps(rig, spec.sample_rate), rig.amplifier_time_constant * spec.sample_rate > HOLDS
     upstream = frozenset(n for n, card in EFFECTS.items() if card.block in ("controller", "amplifier"))
     upstream = upstream if source == "current" else frozenset()
     ideal = {"voltage_range": UNLIMITED} | ({"amplifier_time_constant": 0.0} if source == "current" else {})
@@ -271,7 +274,8 @@ def _stood_in(
     stated = (spec.intersample == "zoh" and every <= 1) or (
         spec.intersample is None and source == "command" and every == 1
     )
-    held = stated and not smooth
+    # A converter holds a command. The current behind an amplifier that lags moves between its samples all the same.
+    held = stated and not smooth and not (source == "current" and lags)
     if source is None:
         e = without_noise(Experiment(rig, NO_CONTROLLER, (), speed_rpm=spec.speed_rpm))
         return Drive(e, held=held, force_held=force_held, every=finer, notes=(_force_in_words(force_held),))
