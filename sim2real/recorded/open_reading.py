@@ -51,7 +51,7 @@ UNTOLD, UNTOLD_ALONG = 12**-0.5, 1.0
 SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
 STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a bent current between two samples
 TOP = 0.2
-NOT_MADE = 0.05  # share of a command from which on another controller made it than is stated
+NOT_MADE = 0.03  # share of a command from which on another controller made it than is stated
 PASSES = 2  # of the simulation that tells how the rotor moves between samples
 NOTHING_FREE = "nothing in it is free of the noise that its unknown controller fed back into"
 OFF_BALANCE = (
@@ -243,7 +243,12 @@ def _other_controller(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Map
 
     What it makes otherwise would count as an injection, and drive the simulated loop.
     """
-    recorded = [e.kind == "recorded" and (e.at != "current" or "injection" in channels) for e in spec.excitations]
+    # Where a moving reference was recorded, it is what drove the loop.
+    alone = "reference" in channels and bool(np.ptp(channels["reference"], axis=1).all())
+    recorded = [
+        alone if e.kind == "none" else e.kind == "recorded" and (e.at != "current" or "injection" in channels)
+        for e in spec.excitations
+    ]
     if drive.stand_in or drive.source != "command" or not recorded or not all(recorded):
         return None
     if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
@@ -251,8 +256,9 @@ def _other_controller(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Map
     if (share := drive.not_made(channels, rig.command_step / sqrt(12))) < NOT_MADE:
         return None
     return (
-        f"the stated controller is not the one that made the command: {100 * share:.0f} % of it does not follow from "
-        "the recorded displacement and what drives the loop; it is not used. Check form, gains, td and the sign"
+        f"{spec.name}: the stated controller is not the one that made the command: {100 * share:.0f} % of it does not "
+        "follow from the recorded displacement and what drives the loop; it is not used. Check form, gains, td, limits "
+        "and the sign"
     )
 
 
