@@ -13,6 +13,7 @@ from maglev_env.redundancy.view import View
 NOISE = 3.0  # times what chance leaves of noise alone, a line
 # Change of another gain that is looked at, and share of what it does by which twice as much may do another amount.
 CHANGED, LINEAR = 0.01, 1e-6
+SOUGHT = 6  # steps towards the constant of a filter
 INTEGRALS, PER_SAMPLE = ("ki", "integral", "outer_ki"), 0.05  # gains by name; of the control rate
 
 
@@ -42,27 +43,17 @@ def wrong_gain(view: View, relation: Relation) -> WrongGain | None:
     integral = next((name for name in INTEGRALS if name in gains), None)
     if integral is None:
         return None
-    w, z, y = 2 * np.pi * lines.frequency, np.exp(2j * np.pi * lines.frequency * dt), lines.parts["displacement"]
+    w, z = 2 * np.pi * lines.frequency, np.exp(2j * np.pi * lines.frequency * dt)
     own = controller_response(view.gains, z, dt)
     weight = 1 / np.maximum(relation.variance + (MODEL * np.abs(relation.out)) ** 2, 1e-300)
     free = [v for term in relation.made.values() for v in (term, -1j * w * term)]
     _, coupled_left, _ = squares(relation.out, [*free, -1j / w * relation.made["displacement"]], weight)
-    misfit = relation.out - sum(relation.made.values())
-    found: dict[str, tuple[float, float, float, float]] = {}
+    found = {}
     for name, stated in gains.items():
         step = float(np.abs(own[0]) * w[0]) if name == integral else CHANGED * stated
-        try:
-            once, twice = (
-                controller_response(with_gains(view.gains, **{name: stated + n * step}), z, dt) - own for n in (1, 2)
-            )
-        except ValueError:
-            continue  # it cannot be larger
-        if not once.any() or np.abs(twice - 2 * once).max() > LINEAR * np.abs(once).max():
-            continue  # it does nothing, or not in proportion, as the constant of a filter
-        more = -(once * y.mean(axis=0)) / step
-        by, left, se = squares(relation.out, [*free, more], weight)
-        _, alone, _ = squares(misfit, [more], weight)
-        found[name] = (*of_gain(by[-1], se, by[2 * list(relation.made).index("displacement")]), left, alone)
+        approached = _approached(view, relation, weight, free, name, step)
+        if approached is not None:
+            found[name] = approached
     if integral not in found:
         return None
     best = min(found, key=lambda name: found[name][2] + (0.0 if name == integral else LEVEL**2))
@@ -73,6 +64,41 @@ def wrong_gain(view: View, relation: Relation) -> WrongGain | None:
     if best != integral and not alone < NOISE * weight.size:
         return None  # beside another scale: several gains are wrong, or something else
     return WrongGain(best, gains[best], gains[best] + size, se, left < coupled_left - LEVEL**2, whole)
+
+
+def _approached(
+    view: View, relation: Relation, weight: np.ndarray, free: list[np.ndarray], name: str, step: float
+) -> tuple[float, float, float, float] | None:
+    """Change of a gain with which the relation of the command agrees, its error, and the costs that are left: with
+    gains and delays of what it is made of free, and without; None of one that does nothing.
+
+    The constant of a filter does not act in proportion to its value, so it is approached in steps.
+    """
+    lines, stated = view.lines, gain_values(view.gains)[name]
+    z, dt = np.exp(2j * np.pi * lines.frequency / view.rig.control_rate), 1 / view.rig.control_rate
+    y, at = lines.parts["displacement"].mean(axis=0), 2 * list(relation.made).index("displacement")
+    own, misfit = controller_response(view.gains, z, dt), relation.out - sum(relation.made.values())
+    found, size = None, 0.0
+    for _ in range(SOUGHT):
+        try:
+            now, once, twice = (
+                controller_response(with_gains(view.gains, **{name: stated + size + n * step}), z, dt) - own
+                for n in range(3)
+            )
+        except ValueError:
+            return found  # it cannot be larger
+        slope, bent = once - now, twice - 2 * once + now
+        if not slope.any():
+            return found
+        known, more = -now * y, -slope / step * y
+        by, left, error = squares(relation.out - known, [*free, more], weight)
+        change, se = of_gain(by[-1], error, by[at])
+        _, alone, _ = squares(misfit - known, [more], weight)
+        if np.abs(bent).max() <= LINEAR * np.abs(slope).max():
+            return size + change, se, left, alone
+        size = min(max(stated + size + change, (stated + size) / 2), 2 * (stated + size)) - stated
+        found = size, se, left, alone
+    return found
 
 
 def finding_of(view: View, found: WrongGain) -> Finding:

@@ -91,6 +91,17 @@ def test_a_proportional_or_derivative_gain_that_is_wrong_is_not_taken_for_the_in
         assert said.interval[0] < float(stated) < said.interval[1]
 
 
+def test_the_time_constant_of_the_derivative_is_named_and_no_other_gain(tmp_path):
+    """It had been a derivative gain with a displacement that is read early, and a rig under both was worse."""
+    folder = campaigns.campaign(tmp_path, names=("base",))
+    text = (folder / "campaign.toml").read_text()
+    (stated,) = set(re.findall(r"td = ([0-9.e+-]+)", text))
+    (folder / "campaign.toml").write_text(text.replace(f"td = {stated}", f"td = {6 * float(stated)}"))
+    found = [f for f in examine(load_campaign(folder)) if f.kind in ("contradiction", "wiring", "effect")]
+    assert len(found) == 1 and "with td = " in found[0].message and found[0].message.endswith("correct td")
+    assert found[0].interval[0] < float(stated) < found[0].interval[1]
+
+
 def test_a_wrong_scale_beside_an_ac_coupled_column_is_named_too(tmp_path):
     """The corner was wrong by the scale's factor, and what was made of the channel without it hid the scale."""
     folder = campaigns.campaign(tmp_path, names=("base",))
