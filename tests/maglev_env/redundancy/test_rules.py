@@ -448,3 +448,13 @@ def test_columns_are_not_exchanged_that_no_comparison_is_of():
     rows = [SimpleNamespace(powers={"current": 1, "command": -1})] * 2
     assert not _compares(rows, "displacement_x", "displacement_y")
     assert _compares(rows, "command_x", "command_y") and _compares(rows, "displacement_x", "current_x")
+
+
+@pytest.mark.parametrize(("bits", "told"), [(14, True), (8, False)])
+def test_a_few_steps_of_a_converter_are_no_spike(tmp_path, bits, told):
+    """Where its steps are larger than the noise, a command goes to and fro by single ones now and then."""
+    folder = campaigns.campaign(tmp_path, names=("base",), parameters={"dac_bits": bits})
+    columns = dict(np.load(folder / "base.npz"))
+    columns["current"][13_000] += 0.25
+    np.savez(folder / "base.npz", **columns)
+    assert any(f.code == "spike" for f in examine(load_campaign(folder))) == told
