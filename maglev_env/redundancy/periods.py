@@ -134,7 +134,9 @@ def outliers(view: View) -> list[Finding]:
         rest = rest[kept]
         if not len(rest):
             continue
-        sigma = 1.4826 * float(np.median(np.abs(rest)))
+        # Of three periods the median is one of them, which then has no noise of its own: neighbours have all of it.
+        noise = np.diff(rest, axis=0) / np.sqrt(2) if len(rest) > 1 else rest
+        sigma = 1.4826 * float(np.median(np.abs(noise)))
         size = float(np.ptp(blocks[first:, i]))
         if sigma <= 1e-9 * size:
             sigma = max(float(np.median(np.abs(rest[rest != 0]))) if rest.any() else 0.0, 1e-4 * size)

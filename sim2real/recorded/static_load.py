@@ -123,8 +123,9 @@ def load_in_words(load: Load | None, recording: str) -> list[str]:
     sizes = ", ".join(f"{own:.2g}" for own in load.nominal)
     return [
         f"{recording}: where the rotor rests, the nominal magnets lack a constant force of {sizes} N (a load or a "
-        "weight, an eccentricity, the zero of a channel, or beside the centre another stiffness; the means do not tell which): it "
-        "is simulated with that force, except where an eccentricity or an offset of the current is taken for it"
+        "weight, an eccentricity, the zero of a channel, or beside the centre another stiffness; the means do not tell "
+        "which): it is simulated with that force, except where an eccentricity or an offset of the current is taken "
+        "for it"
     ]
 
 

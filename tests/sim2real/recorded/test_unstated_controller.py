@@ -1,4 +1,4 @@
-"""A controller that a recording does not state: told by a current that is not what the amplifier makes of the injection."""
+"""A controller that a recording does not state is told by a current that the injection does not make."""
 
 from dataclasses import replace
 
