@@ -10,7 +10,7 @@ from maglev_env.loop import eddy, saturation
 from maglev_env.loop.amplifier import X2
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.exponential import faded
-from maglev_env.loop.magnets.knee import kept_share
+from maglev_env.loop.magnets.knee import creeping_share, kept_share
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.loop.magnets.powers import exponential, logarithm
 from maglev_env.loop.magnets.rows import DECAY, EXPONENT, PER_GAP
@@ -101,13 +101,16 @@ EFFECTS: Mapping[str, EffectCard] = {
             "sharpness": Parameter("", 1.0, 40.0, 4.0, shape=0.8),
             "current": _knee(),
             "command": _knee(),
-            "distance_share": Parameter("", 0.0, 1.0, 0.0, scale=1.0, shape=0.5, centre=0.5, needs=("iron",)),
+            "creep": Parameter("", 0.0, 0.6, 0.0, scale=1.0, shape=0.2, needs=("iron",)),
+            "distance_share": Parameter("", 0.0, 1.5, 0.0, scale=1.0, shape=0.5, centre=0.5, needs=("iron",)),
         },
         # With 0 the current of the knee is the same at every distance. With 1 the flux of a single magnet saturates,
-        # which goes with the root of its pull: nearer, less current makes it.
+        # which goes with the root of its pull: nearer, less current makes it. Iron whose field strength is the power n of
+        # the flux never stops, it creeps; and its knee goes with the distance a little more, by n / (n - 1).
         "the iron saturates: B of each gap becomes B / (1 + |B / B_s|^sharpness)^(1 / sharpness); with current or "
         "command, so does the current that pulls, or the command: of a pair the control current, of a single magnet "
-        "all of it, with the current that carries the weight",
+        "all of it, with the current that carries the weight; with a creep c the exponent is (1 - c) / sharpness, so "
+        "that far beyond the knee it still grows, as the power c of what is asked for",
         "current and displacement at two amplitudes",
         ("magnets",),
         form_share=0.01,
@@ -211,12 +214,14 @@ def _tangents(
 # Rows of a lane. HELD: state of Dahl's hysteresis, -1 .. 1; HOLD: largest current by which the force lags, A;
 # PER_WIDTH: one over the width, 1/A; ZERO: force-producing current at zero coil current, A. Of other forms, POWER: its
 # exponent less one, UNLOADING; RIPPLE_SQ: the way of the ripple in a step over the width, squared; PER_KNEE: one over
-# the current that saturates, 1/A; SHARPNESS: of that knee; NEARNESS: half the share with which it goes with the flux;
-# CARRIES, PULLS: what the coil carries at rest, A, and what of it pulls.
+# the current that saturates, 1/A; SHARPNESS, FALL: of that knee; NEARNESS: half the share with which it goes with
+# the flux; CARRIES, PULLS: what the coil carries at rest, A, and what of it pulls.
 HELD, HOLD, PER_WIDTH, ZERO, POWER, UNLOADING, RIPPLE_SQ, _KNEE = rows_after(
     eddy.END, "HELD HOLD PER_WIDTH ZERO POWER UNLOADING RIPPLE_SQ"
 )
-PER_KNEE, SHARPNESS, NEARNESS, CARRIES, PULLS, END = rows_after(_KNEE, "PER_KNEE SHARPNESS NEARNESS CARRIES PULLS")
+PER_KNEE, SHARPNESS, FALL, NEARNESS, CARRIES, PULLS, END = rows_after(
+    _KNEE, "PER_KNEE SHARPNESS FALL NEARNESS CARRIES PULLS"
+)
 STILL = 1e-24  # least square of a relative way in a step: nothing is divided by zero, and nothing forgotten
 
 
@@ -229,7 +234,7 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     x[POWER], x[UNLOADING] = values.effect("hysteresis", "power") - 1, values.effect("hysteresis", "unloading")
     x[RIPPLE_SQ] = (values.effect("hysteresis", "ripple") * h / width) ** 2 + STILL
     x[PER_KNEE] = 1 / (scale * values.effect("saturation", "current"))
-    x[SHARPNESS] = values.effect("saturation", "sharpness")
+    x[SHARPNESS], x[FALL] = values.effect("saturation", "sharpness"), saturation.fall(values)
     x[NEARNESS] = values.effect("saturation", "distance_share") / 2
     pulls, carries, _ = saturation.at_rest(values)
     x[CARRIES], x[PULLS] = scale * carries, scale * pulls
@@ -294,7 +299,7 @@ def saturated_current_near(x, k, y, current):
     steep = y * x[k + DECAY] - x[k + EXPONENT] * logarithm(1.0 - y * x[k + PER_GAP])
     whole = current + x[k + CARRIES]
     size = abs(whole) * x[k + PER_KNEE] * exponential(x[k + NEARNESS] * steep)
-    return whole * kept_share(size, x[k + SHARPNESS]) - x[k + PULLS]
+    return whole * creeping_share(size, x[k + SHARPNESS], x[k + FALL]) - x[k + PULLS]
 
 
 @piece

@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.loop import controller, saturation
 from maglev_env.loop.card import EffectCard, Parameter, first_order
 from maglev_env.loop.controller import ACTING, ARRIVED, U_OLD, U
-from maglev_env.loop.magnets.knee import kept_share
+from maglev_env.loop.magnets.knee import creeping_share, kept_share
 from maglev_env.loop.system import System, Values
 from maglev_lanes.layout import LANES as W
 from maglev_lanes.layout import LaneRows, rows_after
@@ -76,13 +76,13 @@ def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndar
 # coefficients of three nodal currents that represent the coil's current in the integration step (see
 # `maglev_env.kernel.exact`). Each has four, for (x1, x2, old command, new command). OPEN: 1 where the amplifier has no
 # pole. The voltage limits the command to the range KEPT x1 +- REACH, with a knee of the sharpness LIMIT_SHARPNESS.
-# PER_COMMAND: one over the command that saturates, 1/A; COMMAND_SHARPNESS: of that knee; ASKED, FLOWS: the command at
-# rest, A, and what of it flows.
+# PER_COMMAND: one over the command that saturates, 1/A; COMMAND_SHARPNESS, COMMAND_FALL: of that knee; ASKED, FLOWS: the
+# command at rest, A, and what of it flows.
 X1, X2, CURRENT_SQ, NEXT, NODES, OPEN, KEPT, REACH, _SHAPE = rows_after(
     controller.END, "X1 X2 CURRENT_SQ NEXT[8] NODES[12] OPEN KEPT REACH"
 )
-LIMIT_SHARPNESS, PER_COMMAND, COMMAND_SHARPNESS, ASKED, FLOWS, END = rows_after(
-    _SHAPE, "LIMIT_SHARPNESS PER_COMMAND COMMAND_SHARPNESS ASKED FLOWS"
+LIMIT_SHARPNESS, PER_COMMAND, COMMAND_SHARPNESS, COMMAND_FALL, ASKED, FLOWS, END = rows_after(
+    _SHAPE, "LIMIT_SHARPNESS PER_COMMAND COMMAND_SHARPNESS COMMAND_FALL ASKED FLOWS"
 )
 HARD = 100.0  # sharpness that stands for a hard limit
 
@@ -91,7 +91,7 @@ def fill(x: LaneRows, values: Values, h: np.ndarray) -> None:
     """Write the constants of the limits for integration steps of h (s), (n,)."""
     x[LIMIT_SHARPNESS] = 1 / np.maximum(values.effect("amplifier_voltage_limit", "softness"), 1 / HARD)
     x[PER_COMMAND] = 1 / values.effect("saturation", "command")
-    x[COMMAND_SHARPNESS] = values.effect("saturation", "sharpness")
+    x[COMMAND_SHARPNESS], x[COMMAND_FALL] = values.effect("saturation", "sharpness"), saturation.fall(values)
     _, x[FLOWS], x[ASKED] = saturation.at_rest(values)
     first, voltage = values.rig("amplifier_time_constant"), values.effect("amplifier_voltage_limit")
     x[OPEN] = (first == 0) & (values.effect("amplifier_lag") == 0)
@@ -115,7 +115,8 @@ def _approached(h: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
 def saturated_command(x, k, u):
     """What a saturating amplifier makes of a command, beside what flows at rest."""
     whole = u + x[k + ASKED]
-    return whole * kept_share(abs(whole) * x[k + PER_COMMAND], x[k + COMMAND_SHARPNESS]) - x[k + FLOWS]
+    size = abs(whole) * x[k + PER_COMMAND]
+    return whole * creeping_share(size, x[k + COMMAND_SHARPNESS], x[k + COMMAND_FALL]) - x[k + FLOWS]
 
 
 def _allowed(limited: bool, shaped: bool) -> Callable:

@@ -12,9 +12,9 @@ from maglev_env.loop.eddy import eddy_branches
 from maglev_env.loop.effect import effect_value
 
 
-def bent_by(x, knee, sharpness):
-    """x / (1 + |x / knee|^n)^(1 / n)."""
-    return x / (1 + abs(x / knee) ** sharpness) ** (1 / sharpness)
+def bent_by(x, knee, sharpness, creep=0.0):
+    """x / (1 + |x / knee|^n)^((1 - c) / n)."""
+    return x / (1 + abs(x / knee) ** sharpness) ** ((1 - creep) / sharpness)
 
 
 def saturated_law(rig, knee, sharpness, gain_change, stiffness_change):

@@ -32,7 +32,11 @@ KNEES = {
     "command": effect("saturation", command=1.2),
     "both": effect("saturation", current=2.0, command=1.8, sharpness=3.0),
 }
-FLUX = {"flux": effect("saturation", current=1.5, sharpness=2.5, distance_share=1.0)}
+FLUX = {
+    "flux": effect("saturation", current=1.5, sharpness=2.5, distance_share=1.0),
+    "creeping flux": effect("saturation", current=0.8, sharpness=5.0, creep=0.2, distance_share=1.0),
+}
+CREEPING = {**KNEES, "creeping": effect("saturation", current=1.1, command=1.8, sharpness=5.0, creep=0.2)}
 LONG = replace(BALL, force_length=6e-3)
 RIGS = {"ball": BALL, "calibrated ball": replace(BALL, actuator_gain=1.0, negative_stiffness=-95.0), "coil": FLOATING}
 
@@ -42,28 +46,31 @@ def moved(rig, effects, amplitude=3e-4, lines=(1, 3, 8), **more):
     return Experiment(rig, GAINS, (drive,), periods=1, transient_periods=0, effects=effects, **more)
 
 
-def through(rest, knee, sharpness):
+def through(rest, knee, sharpness, creep=0.0):
     """Slope of the knee where it passes what must flow at rest, found by search, and what enters it there."""
     if knee == inf:
         return 1.0, rest
-    at, step = brentq(lambda i: bend(i, knee, sharpness) - rest, 0.0, 100.0, xtol=1e-14), 1e-5
-    return (bend(at + step, knee, sharpness) - bend(at - step, knee, sharpness)) / (2 * step), at
+    at, step = brentq(lambda i: bend(i, knee, sharpness, creep) - rest, 0.0, 100.0, xtol=1e-14), 1e-5
+    return (bend(at + step, knee, sharpness, creep) - bend(at - step, knee, sharpness, creep)) / (2 * step), at
 
 
-def bend(i, knee, sharpness):
-    return i / (1 + abs(i / knee) ** sharpness) ** (1 / sharpness)
+def bend(i, knee, sharpness, creep=0.0):
+    return i / (1 + abs(i / knee) ** sharpness) ** ((1 - creep) / sharpness)
 
 
 def integrated(e, samples, steps=40):
     """Readings, commands and currents, (3, samples): the equations of motion, by classical steps of their own."""
     rig, g, dt = e.rig, e.gains, 1 / e.rig.control_rate
     values = {
-        "current": inf, "command": inf, "sharpness": 4.0, "distance_share": 0.0, **e.effects.get("saturation", {})
+        "current": inf, "command": inf, "sharpness": 4.0, "distance_share": 0.0, "creep": 0.0,
+        **e.effects.get("saturation", {}),
     }  # fmt: skip
-    knee, top, n, by_flux = (values[key] for key in ("current", "command", "sharpness", "distance_share"))
+    knee, top, n, by_flux, creep = (
+        values[key] for key in ("current", "command", "sharpness", "distance_share", "creep")
+    )
     rest, weight = rig.bias_current, rig.mass * rig.gravity
-    carried = through(rest, knee, n)[1]
-    asked = through(carried, top, n)[1]
+    carried = through(rest, knee, n, creep)[1]
+    asked = through(carried, top, n, creep)[1]
     # What pulls is C I^2 / x^2, or C I / x^n; a measured gain or stiffness scales its part.
     power, fall = (2, 2.0) if rig.magnet == "electromagnet" else (1, rig.force_exponent)
     strength = weight * rig.gap**fall / rest**power
@@ -80,9 +87,9 @@ def integrated(e, samples, steps=40):
 
     def slope(x, u):
         y, v, i, seen = x
-        given = bend(asked + u, top, n) - carried
+        given = bend(asked + u, top, n, creep) - carried
         coil = i if rig.amplifier_time_constant else given
-        driven = rest + a * (bend(carried + coil, knee / nearer(y) ** (by_flux / 2), n) - rest)
+        driven = rest + a * (bend(carried + coil, knee / nearer(y) ** (by_flux / 2), n, creep) - rest)
         force = b * (pull(y, rest) - weight) + pull(y, driven) - pull(y, rest)
         lag = rig.amplifier_time_constant
         return np.array([v, force / rig.mass, (given - i) / lag if lag else 0.0, (y - seen) / rig.sensor_time_constant])
@@ -93,7 +100,7 @@ def integrated(e, samples, steps=40):
         error = wave[t] - x[3]
         u = g.kp * error + g.kd * (error - lag) / g.td + g.ki * leak
         lag, leak = (error + (old - error) * exp(-dt / time) for old, time in ((lag, g.td), (leak, g.ti)))
-        found[:, t] = x[3], u, x[2] if rig.amplifier_time_constant else bend(asked + u, top, n) - carried
+        found[:, t] = x[3], u, x[2] if rig.amplifier_time_constant else bend(asked + u, top, n, creep) - carried
         for _ in range(steps):
             k1 = slope(x, u)
             k2 = slope(x + 0.5 * h * k1, u)
@@ -104,7 +111,8 @@ def integrated(e, samples, steps=40):
 
 CASES = [pytest.param(rig, k, id=f"{name}-{at}") for name, rig in RIGS.items() for at, k in KNEES.items()]
 CASES += [
-    pytest.param(rig, FLUX["flux"], id=f"{name}-flux")
+    pytest.param(rig, knee, id=f"{name}-{at}")
+    for at, knee in FLUX.items()
     for name, rig in {"ball": BALL, "calibrated ball": RIGS["calibrated ball"], "exponential": LONG}.items()
 ]
 
@@ -121,14 +129,15 @@ def test_the_lane_is_what_the_equations_say(rig, knee):
     assert (change > 0.02 * np.abs(plain).max(axis=1, keepdims=True)).all()
 
 
-@pytest.mark.parametrize("name", KNEES)
-@pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
+@pytest.mark.parametrize(
+    ("rig", "name"), [(rig, name) for rig in RIGS.values() for name in KNEES] + [(BALL, "creeping")]
+)
 def test_the_linear_loop_has_the_slopes_at_the_balance(rig, name):
-    values = {"current": inf, "command": inf, "sharpness": 4.0, **KNEES[name]["saturation"]}
-    pulls, carried = through(rig.bias_current, values["current"], values["sharpness"])
-    flows, _ = through(carried, values["command"], values["sharpness"])
+    values = {"current": inf, "command": inf, "sharpness": 4.0, "creep": 0.0, **CREEPING[name]["saturation"]}
+    pulls, carried = through(rig.bias_current, values["current"], values["sharpness"], values["creep"])
+    flows, _ = through(carried, values["command"], values["sharpness"], values["creep"])
     frequency = np.geomspace(0.5, 400.0, 20)
-    plain, bent = (loop_response(moved(rig, effects), frequency) for effects in ({}, KNEES[name]))
+    plain, bent = (loop_response(moved(rig, effects), frequency) for effects in ({}, CREEPING[name]))
     assert pulls * flows < 0.9
     np.testing.assert_allclose(bent.plant, pulls * flows * plain.plant, rtol=1e-6)  # the stiffness is the same
     np.testing.assert_allclose(bent.amplifier, flows * plain.amplifier, rtol=1e-6)
@@ -136,6 +145,7 @@ def test_the_linear_loop_has_the_slopes_at_the_balance(rig, name):
 
 SMALL = [pytest.param(rig, KNEES["both"], id=name) for name, rig in RIGS.items()]
 SMALL += [pytest.param(rig, FLUX["flux"], id=n) for n, rig in {"flux": RIGS["calibrated ball"], "exp": LONG}.items()]
+SMALL += [pytest.param(RIGS["calibrated ball"], FLUX["creeping flux"], id="creeping flux")]
 
 
 @pytest.mark.slow
@@ -148,9 +158,9 @@ def test_a_small_motion_of_the_lane_is_that_of_the_linear_loop(rig, knee):
     np.testing.assert_allclose(plant, linear.plant, rtol=1e-4)
 
 
-@pytest.mark.parametrize("name", KNEES)
+@pytest.mark.parametrize("name", CREEPING)
 def test_the_weight_is_carried_at_rest(name):
-    e = Experiment(BALL, GAINS, (Excitation("sphs", "reference", 10.0, (1,), 1e-15),), 3, effects=KNEES[name])
+    e = Experiment(BALL, GAINS, (Excitation("sphs", "reference", 10.0, (1,), 1e-15),), 3, effects=CREEPING[name])
     found = simulate_records([e])[0]
     assert np.abs(found[0]).max() < 1e-11
 
