@@ -105,8 +105,8 @@ EFFECTS: Mapping[str, EffectCard] = {
             "distance_share": Parameter("", 0.0, 1.5, 0.0, scale=1.0, shape=0.5, centre=0.5, needs=("iron",)),
         },
         # With 0 the current of the knee is the same at every distance. With 1 the flux of a single magnet saturates,
-        # which goes with the root of its pull: nearer, less current makes it. Iron whose field strength is the power n of
-        # the flux never stops, it creeps; and its knee goes with the distance a little more, by n / (n - 1).
+        # which goes with the root of its pull: nearer, less current makes it. Iron whose field strength is the power n
+        # of the flux never stops, it creeps; and its knee goes with the distance a little more, by n / (n - 1).
         "the iron saturates: B of each gap becomes B / (1 + |B / B_s|^sharpness)^(1 / sharpness); with current or "
         "command, so does the current that pulls, or the command: of a pair the control current, of a single magnet "
         "all of it, with the current that carries the weight; with a creep c the exponent is (1 - c) / sharpness, so "

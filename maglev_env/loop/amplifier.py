@@ -76,8 +76,8 @@ def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndar
 # coefficients of three nodal currents that represent the coil's current in the integration step (see
 # `maglev_env.kernel.exact`). Each has four, for (x1, x2, old command, new command). OPEN: 1 where the amplifier has no
 # pole. The voltage limits the command to the range KEPT x1 +- REACH, with a knee of the sharpness LIMIT_SHARPNESS.
-# PER_COMMAND: one over the command that saturates, 1/A; COMMAND_SHARPNESS, COMMAND_FALL: of that knee; ASKED, FLOWS: the
-# command at rest, A, and what of it flows.
+# PER_COMMAND: one over the command that saturates, 1/A; COMMAND_SHARPNESS, COMMAND_FALL: of that knee; ASKED, FLOWS:
+# the command at rest, A, and what of it flows.
 X1, X2, CURRENT_SQ, NEXT, NODES, OPEN, KEPT, REACH, _SHAPE = rows_after(
     controller.END, "X1 X2 CURRENT_SQ NEXT[8] NODES[12] OPEN KEPT REACH"
 )

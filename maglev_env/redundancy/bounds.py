@@ -24,6 +24,7 @@ OFTEN = 8  # times as many samples as at the next level; a sine's outermost leve
 TOGETHER, STEPPED = 0.95, 10.0  # correlation of slow parts that shows a sign; their range over the stated noise
 PARTS, APART = 8, 0.3  # of a record, for a drift; of the command's standard deviation
 OF_ONE_COIL = 0.1  # of the bias current: how far the mean current of one coil may be from it
+COILS = "electromagnet_pair"  # magnets whose currents are the bias plus and minus that of control
 CENTRED, MOVED = 0.04, 1.0  # offsets that count: of the gap, and of the motion's standard deviation
 
 
@@ -105,6 +106,23 @@ def ranges(view: View) -> list[Finding]:
         kind = "contradiction" if refused else "wiring"
         found.append(Finding("range", view.recording, name, size / end, None, text, kind))
     return found
+
+
+def reversed_coils(view: View) -> list[Finding]:
+    """A current beyond the bias of opposed coils, of which one would then have to be reversed."""
+    rig, name = view.rig, "current" if "current" in view.recorded else "command"
+    if rig is None or rig.magnet != COILS or not rig.bias_current or name not in view.recorded:
+        return []
+    size, bias = float(np.abs(view.channels[name]).max()), abs(rig.bias_current)
+    share = float(np.mean(np.abs(view.channels[name]) > BEYOND * bias))
+    if not share:
+        return []
+    text = (
+        f"{name}: it reaches {size:.4g} A, in {share:.2%} of the samples beyond the bias of {bias:.4g} A: one coil's "
+        "current changes its sign there, and pulls again; an amplifier that cannot reverse a current leaves that coil "
+        "without any: record with less amplitude"
+    )
+    return [Finding("bias", view.recording, name, size / bias, None, text, "wiring")]
 
 
 def rails(view: View) -> list[Finding]:

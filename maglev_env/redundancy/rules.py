@@ -17,7 +17,7 @@ from maglev_env.recordings.signals import recorded_signals
 from maglev_env.recordings.spectra import RecordedSignals, axis_signals
 from maglev_env.redundancy.alike import alike
 from maglev_env.redundancy.amplifier import amplified, unrelated, unstated_pole
-from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, sensitivity, still
+from maglev_env.redundancy.bounds import balance, clearance, rails, ranges, reversed_coils, sensitivity, still
 from maglev_env.redundancy.changes import clocks, copied, copies, ranges_changed
 from maglev_env.redundancy.controller import controlled, stated_gains
 from maglev_env.redundancy.coupling import coupled, decoupled, slow_parts
@@ -52,6 +52,7 @@ RULES: Mapping[str, Callable[[View], list[Finding]]] = {
     "clearance": clearance,
     "noise": still,
     "range": ranges,
+    "bias": reversed_coils,
     "alike": alike,
     "copies": copies,
     "range change": ranges_changed,

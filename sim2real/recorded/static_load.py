@@ -109,10 +109,11 @@ def _lacking(e: Experiment, load: Load) -> np.ndarray:
 
 def _bent_springs(effects: Effects, y: np.ndarray) -> np.ndarray:
     """Force (N) towards the centre by cubic spring and stop at displacements y (m)."""
-    stop = ("distance", "stiffness", "steepness")
-    reach, stiffness, power = (effect_value(effects, "soft_stop", key) for key in stop)
+    stop = ("distance", "stiffness", "steepness", "side")
+    reach, stiffness, power, side = (effect_value(effects, "soft_stop", key) for key in stop)
     beyond = np.sign(y) * np.maximum(abs(y) - reach, 0.0)
-    stopped = stiffness * beyond * (abs(beyond) / reach) ** (power - 1) if np.isfinite(reach) else 0.0
+    share = 1 - np.maximum(-np.sign(y) * side, 0.0)
+    stopped = stiffness * share * beyond * (abs(beyond) / reach) ** (power - 1) if np.isfinite(reach) else 0.0
     return effect_value(effects, "cubic_spring") * y**3 + stopped
 
 

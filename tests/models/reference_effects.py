@@ -89,7 +89,7 @@ class FullAxis(Axis):
         self.asymmetry = value("asymmetric_gain")
         self.drift = [value("gain_drift", key) for key in (None, "depth", "frequency", "phase", "settling")]
         self.cube, self.reach, self.stop = value("cubic_spring"), value("soft_stop"), value("soft_stop", "stiffness")
-        self.steepness = value("soft_stop", "steepness")
+        self.steepness, self.side = value("soft_stop", "steepness"), value("soft_stop", "side")
         self.shake = [value("foreign_vibration", key) for key in (None, "frequency", "phase")]
         self.dead, self.lost = value("deadband"), value("dropped_samples")
         self.plays = value("probe_backlash") * (1 + value("probe_backlash", "spread") * np.array([-1.0, 0.0, 1.0]))
@@ -123,7 +123,8 @@ class FullAxis(Axis):
         beyond = abs(y) - self.reach
         if beyond <= 0:
             return self.cube * y**3
-        return self.cube * y**3 + copysign(self.stop * beyond * (beyond / self.reach) ** (self.steepness - 1), y)
+        stop = self.stop * ((1 - self.side if y < 0 else 1.0) if self.side > 0 else (1 + self.side if y > 0 else 1.0))
+        return self.cube * y**3 + copysign(stop * beyond * (beyond / self.reach) ** (self.steepness - 1), y)
 
     def behind_play(self, reading):
         """The mean of what follows at the distance of each play."""

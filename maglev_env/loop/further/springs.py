@@ -40,9 +40,11 @@ EFFECTS: Mapping[str, EffectCard] = {
             "stiffness": Parameter("N/m", 1e-3, 1e12, 1e5, starts=(30.0, 1e3, 1e5), in_proportion=True),
             # 1 is a spring, 1.5 a round body on a flat one (Hertz), 2 a tip or rubber that is squeezed.
             "steepness": Parameter("", 1.0, 4.0, 1.0, shape=0.4, centre=1.4),
+            "side": Parameter("", -1.0, 1.0, 0.0, scale=1.0, shape=0.7),
         },
         "beyond this distance from the centre a spring pushes back: a bumper, a seal, a cable; in another form by "
-        "stiffness * depth * (depth / distance)^(steepness - 1)",
+        "stiffness * depth * (depth / distance)^(steepness - 1), on the lower side 1 - side times as much, or on the "
+        "upper one 1 + side of a negative side",
         "force and displacement at two amplitudes or static offsets",
         flexible=True,
         linear=False,
@@ -53,8 +55,8 @@ EFFECTS: Mapping[str, EffectCard] = {
 }
 
 # Rows of a lane. CUBE: acceleration per m^3. REACH: distance of the stop, m; STOP: acceleration per m beyond it;
-# STEEPER: its steepness less 1.
-CUBE, REACH, STOP, STEEPER, END = rows_after(uneven_gain.END, "CUBE REACH STOP STEEPER")
+# STEEPER: its steepness less 1; ABOVE, BELOW: shares of it on either side.
+CUBE, REACH, STOP, STEEPER, ABOVE, BELOW, END = rows_after(uneven_gain.END, "CUBE REACH STOP STEEPER ABOVE BELOW")
 
 
 def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
@@ -64,6 +66,8 @@ def fill(x: LaneRows, values: Values, h: np.ndarray, axis: int) -> None:
     turn = np.maximum(_cube_rate(values) * h / STIFFEST, 1.0)
     x[CUBE] = values.effect("cubic_spring") * x[PER_MASS] / turn**6
     x[REACH], x[STEEPER] = values.effect("soft_stop"), values.effect("soft_stop", "steepness") - 1
+    side = values.effect("soft_stop", "side")
+    x[ABOVE], x[BELOW] = 1 + np.minimum(side, 0.0), 1 - np.maximum(side, 0.0)
     turn = np.maximum(_stop_rate(values) * h / STIFFEST, 1.0)
     x[STOP] = values.effect("soft_stop", "stiffness") * x[PER_MASS] / turn ** (2 * (1 + x[STEEPER]))
 
@@ -99,8 +103,9 @@ def pushed_back(x, k, y):
 
 @piece
 def pushed_back_shaped(x, k, y):
-    """The same with a stop that need not be a straight line."""
+    """The same with a stop that need not be a straight line, nor the same on both sides."""
     reach = x[k + REACH]
     beyond = max(y - reach, 0.0) + min(y + reach, 0.0)
     steeper = (abs(beyond) / reach) ** x[k + STEEPER]
-    return x[k + CUBE] * (y * y * y) + x[k + STOP] * beyond * steeper
+    share = x[k + ABOVE] if y > 0.0 else x[k + BELOW]
+    return x[k + CUBE] * (y * y * y) + x[k + STOP] * beyond * steeper * share

@@ -26,6 +26,8 @@ ALONE = {
     "cubic_spring": (effect("cubic_spring", 1e14), 5e-6),
     "soft_stop": (effect("soft_stop", 3e-6, stiffness=1e4), 1e-3),
     "soft_stop, round": (effect("soft_stop", 3e-6, stiffness=1e4, steepness=1.5), 1e-4),
+    "soft_stop above": (effect("soft_stop", 3e-6, stiffness=1e4, steepness=1.5, side=1.0), 1e-4),
+    "soft_stop, harder below": (effect("soft_stop", 3e-6, stiffness=1e4, side=-0.6), 1e-4),
     "foreign_vibration": (effect("foreign_vibration", 0.1, frequency=37.0, phase=0.3), 1e-5),
     "deadband": (effect("deadband", 0.02), 1e-5),
     "dropped_samples": (effect("dropped_samples", 0.3), 5e-5),

@@ -12,13 +12,15 @@ from scipy.signal import lfilter
 
 from maglev_env.evaluation.identification import identify
 from maglev_env.loop.effect import effect
+from maglev_env.loop.gains import Gains
 from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
-from maglev_env.redundancy.bounds import ranges
+from maglev_env.redundancy.bounds import ranges, reversed_coils
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.result import doubtful, without_contradicted_margins
 from maglev_env.redundancy.rules import _as_many, _at_ticks, _compares, _views, as_data, examine
+from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 
 
@@ -458,3 +460,16 @@ def test_a_few_steps_of_a_converter_are_no_spike(tmp_path, bits, told):
     columns["current"][13_000] += 0.25
     np.savez(folder / "base.npz", **columns)
     assert any(f.code == "spike" for f in examine(load_campaign(folder))) == told
+
+
+def test_a_current_that_reverses_a_coil_is_told(tmp_path):
+    rig = Rig(
+        "coils", "electromagnet_pair", mass=1.0, gap=5e-4, turns=100, pole_area=2e-4, bias_current=1.0,
+        control_rate=5000.0, gains=Gains(kp=3e4, ki=0.0, kd=60.0, td=2e-4),
+    )  # fmt: skip
+    current = np.sin(np.linspace(0, 60, 5000))[None]
+    for size, told in ((0.9, False), (1.4, True)):
+        view = SimpleNamespace(rig=rig, recorded={"current"}, channels={"current": size * current}, recording="r")
+        found = reversed_coils(view)
+        assert [f.value for f in found] == ([pytest.approx(1.4, rel=1e-3)] if told else [])
+    assert not reversed_coils(SimpleNamespace(rig=load_rig("hmb_free"), recorded={"current"}))
