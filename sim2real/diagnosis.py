@@ -22,7 +22,7 @@ from sim2real.compared.standing import standing
 from sim2real.compared.stated_noise import left_alone, louder_in_words, louder_than_stated, scattered
 from sim2real.compared.tones_on_lines import with_tones_on_lines
 from sim2real.free.correction import free_correction
-from sim2real.gap.between_recordings import gain_between
+from sim2real.gap.between_recordings import DELAY, between_recordings
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
@@ -124,7 +124,8 @@ def diagnose(
     plan = None
     if named.verdict == "unexplained":
         notes += not_asked_in_words(records[0].nominal)
-        if between := gain_between(attribution.problem, attribution.calibration.fit):
+        late = next((c.fit for c in attribution.candidates if c.effects == (DELAY,)), None)
+        if between := between_recordings(attribution.problem, attribution.calibration.fit, late):
             notes.append(between.in_words())
     if named.verdict in ("ambiguous", "unexplained"):
         progress("next experiment")
