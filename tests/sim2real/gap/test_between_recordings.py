@@ -61,5 +61,5 @@ def test_a_delay_that_differs_between_recordings_is_told_with_its_changes(tmp_pa
     told = between_recordings(problem, *fits)
     assert told.effect == "delay" and told.closes > 0.9
     assert [*told.change.values()] == pytest.approx([2e-5, 8e-6], rel=0.2)  # to first order
-    assert "half about +23" in told.in_words()
+    assert "half.npz about +" in told.in_words()
     assert between_recordings(problem, fits[0]) is None
