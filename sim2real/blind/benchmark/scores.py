@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 
 from sim2real.blind.cases import Answer, Case, open_labels, read_answer, seal_of
 from sim2real.blind.judging.alike import alike_sets
-from sim2real.blind.judging.calibration import calibration_error
+from sim2real.blind.judging.calibration import calibration_error, debiased_error
 from sim2real.blind.judging.judging import SIZES, Judgement, blocks_hit, judge, size_range
 from sim2real.blind.judging.scoring import Row, row, size_words, statistic_row
 from sim2real.judgement.mechanisms import OF_ONE_MAGNET
@@ -179,6 +179,7 @@ def rows_of(judged: Sequence[Judgement]) -> tuple[Row, ...]:
     return (
         *(_share(score, [score.good(j) for j in judged if _belongs(score, j.case)]) for score in SCORES),
         statistic_row("calibration error", top, calibration_error),
+        statistic_row("calibration error, debiased", top, debiased_error),
         statistic_row(f"median closed fraction of what was told, {size_words(LARGE)}", closed, np.median),
         statistic_row("median time per campaign", seconds, np.median, "s"),
         statistic_row("mean time per campaign", seconds, np.mean, "s"),

@@ -42,3 +42,15 @@ def calibration_error(top: np.ndarray) -> float:
     """
     r = reliability(top)
     return float(np.abs(r.right - r.stated) @ r.count / r.count.sum())
+
+
+def debiased_error(top: np.ndarray) -> float:
+    """Root mean square calibration error without what chance alone gives (Kumar, Liang and Ma 2019).
+
+    Of each bin's squared difference the variance of its share is taken away. What is left may fall below 0 by chance,
+    and counts as 0 then. The argument is that of `reliability`.
+    """
+    r = reliability(top)
+    share = np.where(r.count > 1, r.right, r.stated)  # one case alone tells nothing of its variance
+    chance = share * (1 - share) / np.maximum(r.count - 1, 1)
+    return float(np.sqrt(max(((r.right - r.stated) ** 2 - chance) @ r.count / r.count.sum(), 0.0)))

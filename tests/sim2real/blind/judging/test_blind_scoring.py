@@ -15,7 +15,7 @@ from sim2real.blind.answer import answer_all
 from sim2real.blind.cases import Case, open_labels, parse_diagnosis, read_answer, seal_of
 from sim2real.blind.judging import scoring
 from sim2real.blind.judging.alike import ALIKE, ALWAYS, AT_ONE_SPEED, alike, alike_sets
-from sim2real.blind.judging.calibration import calibration_error, reliability
+from sim2real.blind.judging.calibration import calibration_error, debiased_error, reliability
 from sim2real.blind.judging.judging import judge, merged, smallest_set
 
 
@@ -176,6 +176,19 @@ def test_calibration_error_is_what_is_overstated():
         and few.right == pytest.approx([0, 0.5])
     )
     assert calibration_error(np.array([[1.0, 1.0], [0.95, 0.0], [0.15, 0.0]])) == pytest.approx((0.15 + 2 * 0.475) / 3)
+
+
+def test_the_debiased_calibration_error_is_that_of_many_cases():
+    """Of a hundred cases chance alone makes a calibration error of 0.08."""
+    rng = np.random.default_rng(2)
+    found = {lie: [] for lie in (0.0, 0.2)}
+    for lie, errors in found.items():
+        for _ in range(400):
+            stated = rng.uniform(0.3, 1.0, 112)
+            top = np.column_stack([stated, rng.uniform(size=112) < stated - lie])
+            errors.append((debiased_error(top), calibration_error(top)))
+    (true, biased), (far, _) = (np.mean(np.square(found[lie]), axis=0) ** 0.5 for lie in found)
+    assert biased > 0.08 and true < 0.06 and far == pytest.approx(0.2, abs=0.02)
 
 
 def _mixed():
