@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, pi, sqrt
+from math import inf
 
 from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
@@ -14,8 +14,9 @@ from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tone_sizes import tones_in_words
 from sim2real.judgement.verdict import CLASS_SHARE, with_effects
+from sim2real.lags_in_words import whole_lags
 from sim2real.result import OFFSET, Diagnosis, block_of, fitted_parameters
-from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN, added_lag, dead_part, usual_tolerances
+from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
@@ -222,7 +223,7 @@ def tempered(diagnosis: Diagnosis) -> str:
 def _besides(diagnosis: Diagnosis) -> str:
     """What is as little as stated as an effect would be, although it is not called one; as the end of a sentence."""
     far = _far(diagnosis)
-    lags = f"; in all, {' and '.join(found)}" if (found := _whole_lags(diagnosis)) else ""
+    lags = f"; in all, {' and '.join(found)}" if (found := whole_lags(diagnosis, causes_of(diagnosis))) else ""
     return lags + (f"; besides, the rig is not as stated: {', '.join(far)}" if far else "")
 
 
@@ -236,33 +237,6 @@ def _refitted(diagnosis: Diagnosis) -> str:
         return f"; to take up what has no name the fit moved {', '.join(far)}, which are no findings"
     told = f"closes {percent(diagnosis.gap.closed_fraction)} of the gap"
     return f"; but the same rig with other parameters {told}, so first check {', '.join(far)}"
-
-
-def _whole_lags(diagnosis: Diagnosis) -> list[str]:
-    """How long a block lags in all where a lag of it is named and this says more than the time constant alone: where a
-    part is simulated as dead time, or the stated time constant has no tolerance or moved beyond it, and each share says
-    nothing. A loop of second order with a lead hardly lags: it is said what it is."""
-    found, effects, causes = [], diagnosis.corrected.effects, causes_of(diagnosis)
-    for effect, name in REPLACED.items():
-        change, sure = diagnosis.corrected.changes.get(name, 0.0), diagnosis.rig.tolerance.get(name, inf)
-        shared = name in usual_tolerances(diagnosis.rig) or abs(change) >= sure
-        if effect not in effects or not (shared or dead_part(effects, effect, causes, diagnosis.rig.effects)):
-            continue
-        stated, block = getattr(diagnosis.rig, name), effect.removesuffix("_lag")
-        if effects[effect].get("lead"):
-            found.append(f"the {block} is {_loop_in_words(stated * (1 + change), **effects[effect])}")
-            continue
-        whole = stated * (1 + change) + added_lag(effects, effect, causes, diagnosis.rig.effects)
-        found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")
-    return found
-
-
-def _loop_in_words(first: float, time_constant: float, lead: float, feedback: float = 0.0) -> str:
-    """What poles of the time constants `first` and `time_constant` (s) are together, see the card of amplifier_lag."""
-    turn = 1 / sqrt(first * time_constant)
-    damping = (first + (1 - feedback) * time_constant) * turn / 2
-    natural, zero = (quantity(rate / (2 * pi), None, "Hz") for rate in (turn, 1 / (lead * time_constant)))
-    return f"a loop of second order of {natural} with a damping ratio of {damping:.2g}, and a zero at {zero}"
 
 
 def causes_of(diagnosis: Diagnosis) -> frozenset[str]:
