@@ -19,6 +19,8 @@ def uncovered(view: View, rows: Sequence[Row]) -> list[Finding]:
         return []
     seen = {name for row in rows for name in row.powers}
     free = [name for name in CHANNELS if name in view.recorded and name not in seen]
+    if "force" in free and view.excitations and all(e.periodic and e.at != "force" for e in view.excitations):
+        free.remove("force")  # nothing but noise is in it along this axis
     if view.gains is not None and view.rig is not None and view.rig.controlled and "gains" not in seen:
         free.append("gains")
     if "mass" not in seen and view.mass is not None:

@@ -17,6 +17,7 @@ from maglev_env.recordings.campaign import load_campaign
 from maglev_env.recordings.recording import read_recording
 from maglev_env.recordings.signals import recorded_signals
 from maglev_env.redundancy.bounds import ranges, reversed_coils
+from maglev_env.redundancy.coverage import uncovered
 from maglev_env.redundancy.finding import Finding
 from maglev_env.redundancy.result import doubtful, without_contradicted_margins
 from maglev_env.redundancy.rules import _as_many, _at_ticks, _compares, _views, as_data, examine
@@ -473,3 +474,14 @@ def test_a_current_that_reverses_a_coil_is_told(tmp_path):
         found = reversed_coils(view)
         assert [f.value for f in found] == ([pytest.approx(1.4, rel=1e-3)] if told else [])
     assert not reversed_coils(SimpleNamespace(rig=load_rig("hmb_free"), recorded={"current"}))
+
+
+def test_a_force_along_an_axis_that_none_drives_is_not_asked_for(sound):
+    """Only noise is in it, of which no amplitude can be stated."""
+    campaign = load_campaign(sound)
+    spec = campaign.recordings[0]
+    signals = recorded_signals(campaign, spec, read_recording(campaign, spec), excited=False)
+    (view,) = _views(campaign, spec, signals)
+    injected = tuple(e for e in view.excitations if e.at == "current")
+    said = [[f.channel for f in uncovered(replace(view, excitations=own), [])] for own in (view.excitations, injected)]
+    assert "force" in said[0][0] and "force" not in said[1][0]
