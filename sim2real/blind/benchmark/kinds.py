@@ -191,7 +191,10 @@ VOCABULARY: Mapping[str, Kind] = {
         _stiff(5.0),
         False,
         10.0,
-        lambda rig, rng: {at.STOP: rig.parameters["gap"] * rng.uniform(0.002, 0.008)},
+        lambda rig, rng: {
+            at.STOP: rig.parameters["gap"] * rng.uniform(0.002, 0.008),
+            at.STOP_ABOVE: float(rng.uniform() < 0.4),
+        },
     ),
     "unbalance": Kind(
         "external",
@@ -212,14 +215,6 @@ VOCABULARY: Mapping[str, Kind] = {
 }
 # What no card describes. Names are for the reader only.
 OUTSIDE: Mapping[str, Kind] = {
-    "one_sided_seal": Kind(
-        "mechanics",
-        at.SEAL_STIFFNESS,
-        _stiff(10.0),
-        False,
-        20.0,
-        lambda rig, rng: {at.SEAL: rig.parameters["gap"] * rng.uniform(0.002, 0.008)},
-    ),
     "cable_creep": Kind(
         "mechanics",
         at.CREEP,

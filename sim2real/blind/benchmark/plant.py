@@ -48,16 +48,15 @@ def pull(j, y, p):
 
 @njit(cache=True, error_model="numpy", _nrt=False)
 def contact(a, y, v, anchors, p):
-    """Force on the rotor from springs, films, stops, seals and dry contacts (N)."""
+    """Force on the rotor from springs, films, stops and dry contacts (N)."""
     force = -p[at.SUPPORT] * y - (p[at.SUPPORT_DAMPING] + p[at.DAMPING]) * v
     force -= p[at.SQUEEZE] * v * (y / p[at.GAP]) ** 2
     if p[at.STRING] > 0.0:  # a string in the middle of its length, pulled sideways
         force -= p[at.STRING] * y * (1.0 - 1.0 / sqrt(1.0 + (y / p[at.SAG_LENGTH]) ** 2))
-    if p[at.STOP_STIFFNESS] > 0.0 and abs(y) > p[at.STOP]:  # Hertz: a round bumper
+    met = y > p[at.STOP] or (y < -p[at.STOP] and p[at.STOP_ABOVE] == 0.0)
+    if p[at.STOP_STIFFNESS] > 0.0 and met:  # Hertz: a round bumper
         depth = abs(y) - p[at.STOP]
         force -= np.sign(y) * p[at.STOP_STIFFNESS] * depth * sqrt(depth / p[at.GAP])
-    if p[at.SEAL_STIFFNESS] > 0.0 and y > p[at.SEAL]:
-        force -= p[at.SEAL_STIFFNESS] * (y - p[at.SEAL]) ** 2 / p[at.GAP]
     if p[at.FRICTION] > 0.0:
         static = 1.0 + p[at.STATIC] * exp(-((v / p[at.SLOW]) ** 2))
         for n in range(SLIPS):  # each spring slips at its own deflection
