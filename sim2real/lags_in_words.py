@@ -20,12 +20,12 @@ def whole_lags(diagnosis: Diagnosis, causes: Collection[str]) -> list[str]:
     found, effects = [], diagnosis.corrected.effects
     for effect, name in REPLACED.items():
         change, sure = diagnosis.corrected.changes.get(name, 0.0), diagnosis.rig.tolerance.get(name, inf)
+        stated, block = getattr(diagnosis.rig, name), effect.removesuffix("_lag")
+        if stated and effects.get(effect, {}).get("lead"):
+            found.append(f"the {block} is {_loop_in_words(stated * (1 + change), **effects[effect])}")
+            continue
         shared = name in usual_tolerances(diagnosis.rig) or abs(change) >= sure
         if effect not in effects or not (shared or dead_part(effects, effect, causes, diagnosis.rig.effects)):
-            continue
-        stated, block = getattr(diagnosis.rig, name), effect.removesuffix("_lag")
-        if effects[effect].get("lead"):
-            found.append(f"the {block} is {_loop_in_words(stated * (1 + change), **effects[effect])}")
             continue
         whole = stated * (1 + change) + added_lag(effects, effect, causes, diagnosis.rig.effects)
         found.append(f"the {block} lags by {quantity(whole, None, 's')} ({quantity(stated, None, 's')} stated)")

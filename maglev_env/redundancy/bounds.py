@@ -122,7 +122,7 @@ def reversed_coils(view: View) -> list[Finding]:
         "current changes its sign there, and pulls again; an amplifier that cannot reverse a current leaves that coil "
         "without any: record with less amplitude"
     )
-    return [Finding("bias", view.recording, name, size / bias, None, text, "wiring")]
+    return [Finding("bias", view.recording, name, size / bias, None, text, "quality")]
 
 
 def rails(view: View) -> list[Finding]:

@@ -51,7 +51,9 @@ UNTOLD, UNTOLD_ALONG = 12**-0.5, 1.0
 SHAPED = {2: 1.0, 3: 0.1, 4: 0.03}
 STRAIGHT = {2: 1 / 12}  # without an instrument: what a straight line lacks of a bent current between two samples
 TOP = 0.2
-NOT_MADE = 0.03  # share of a command from which on another controller made it than is stated
+# Share of a command that the stated controller does not make, from which on another one made it, and from which on it
+# is asked what was added where nobody recorded that.
+NOT_MADE, ADDED = 0.05, 0.02
 PASSES = 2  # of the simulation that tells how the rotor moves between samples
 NOTHING_FREE = "nothing in it is free of the noise that its unknown controller fed back into"
 OFF_BALANCE = (
@@ -110,6 +112,7 @@ def open_record(campaign: Campaign, spec: RecordingSpec, dataset: "xr.Dataset") 
         if other is not None:
             drive = drive_of(rig, spec, channels, known=False)
             drive = replace(drive, notes=(other, *drive.notes))
+        notes += _added_unrecorded(rig, drive, spec, channels)
         ticks = instants = None
         if dataset.attrs.get("resampled") and drive.source == "command" and not drive.stand_in:
             # The controller is exact at its own ticks alone; where these are not known, another stands in for it.
@@ -243,12 +246,7 @@ def _other_controller(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Map
 
     What it makes otherwise would count as an injection, and drive the simulated loop.
     """
-    # Where a moving reference was recorded, it is what drove the loop.
-    alone = "reference" in channels and bool(np.ptp(channels["reference"], axis=1).all())
-    recorded = [
-        alone if e.kind == "none" else e.kind == "recorded" and (e.at != "current" or "injection" in channels)
-        for e in spec.excitations
-    ]
+    recorded = [e.kind == "recorded" and (e.at != "current" or "injection" in channels) for e in spec.excitations]
     if drive.stand_in or drive.source != "command" or not recorded or not all(recorded):
         return None
     if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
@@ -260,6 +258,23 @@ def _other_controller(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Map
         "follow from the recorded displacement and what drives the loop; it is not used. Check form, gains, td, limits "
         "and the sign"
     )
+
+
+def _added_unrecorded(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) -> list[str]:
+    """A note on what a command holds beside what the stated controller makes of displacement and moving reference: it
+    was added, or another controller made it."""
+    moves = "reference" in channels and np.ptp(channels["reference"], axis=1).all()
+    if drive.stand_in or drive.source != "command" or "injection" in channels or not moves:
+        return []
+    if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
+        return []
+    if (share := drive.not_made(channels, rig.command_step / sqrt(12))) < ADDED:
+        return []
+    return [
+        f"{spec.name}: {100 * share:.0f} % of the command does not follow from the recorded displacement and reference "
+        "under the stated controller; it is taken for something that was added to the command: if nothing was, check "
+        "form, gains, td and limits (of the integrator, too)"
+    ]
 
 
 def _channels(rig: Rig, dataset: "xr.Dataset") -> dict[str, np.ndarray]:

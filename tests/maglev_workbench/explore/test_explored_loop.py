@@ -91,7 +91,7 @@ def test_a_single_magnet_saturates_on_the_page_by_its_current():
     ball = Rig("ball", "electromagnet", mass=0.05, gap=8e-3, bias_current=0.9, control_rate=1000.0)
     (found,) = (one for one in effect_inputs(ball) if one.name == "saturation")
     sliders = {i.name: (i.low, i.value, i.high) for i in found.inputs}
-    assert sliders.keys() == {"sharpness", "current", "distance_share"}
+    assert sliders.keys() == {"sharpness", "current", "creep", "distance_share"}
     assert sliders["current"] == pytest.approx((0.99, 1.8, 18.0))
 
 

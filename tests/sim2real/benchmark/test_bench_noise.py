@@ -62,12 +62,13 @@ def test_noise_alone_stays_below_the_bound(tmp_path):
     assert free == bounded == pytest.approx(1.0, abs=0.1) and not reached
 
 
-def test_a_seal_that_is_touched_by_the_steps_alone_is_no_noise(tmp_path):
+def test_a_stop_that_is_touched_by_the_steps_alone_is_no_noise(tmp_path):
     free, bounded, reached = left(
         tmp_path,
         lambda rig: {
-            at.SEAL_STIFFNESS: 5 * rig.parameters["mass"] * rig.bandwidth**2,
-            at.SEAL: 0.02 * rig.parameters["gap"],
+            at.STOP_STIFFNESS: 5 * rig.parameters["mass"] * rig.bandwidth**2,
+            at.STOP: 0.02 * rig.parameters["gap"],
+            at.STOP_ABOVE: 1.0,
         },
     )
     assert free < 1.3 and bounded > 10 and reached

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim2real.attributed import attributed
-from sim2real.blind.benchmark.generate import make, plan, recorded
+from sim2real.blind.benchmark.generate import Case, make, recorded
 from sim2real.blind.benchmark.write import write_campaign
 from sim2real.compared.bench_noise import NO_BOUND, bench_noise
 from sim2real.compared.problem import assemble
@@ -12,7 +12,8 @@ from sim2real.compared.stated_noise import STATED, louder_than_stated
 from sim2real.recorded.records import read_records
 from sim2real.search import attribute
 
-SEED, COUNT, NUMBER = 10501, 160, 3  # a ball with a stop whose gain is asymmetric, in noise and in steps
+# A ball with a stop whose gain is asymmetric, in noise and in steps.
+SEED, CASE = 10501, Case(3, "ball", "full", "pair", ("soft_stop", "asymmetric_gain"))
 
 # With rivals of each that the same kernels simulate.
 FEW = ("soft_stop", "asymmetric_gain", "cubic_spring", "deadband", "actuator_gain", "mass", "delay", "force_law")
@@ -20,7 +21,7 @@ FEW = ("soft_stop", "asymmetric_gain", "cubic_spring", "deadband", "actuator_gai
 
 @pytest.fixture(scope="module")
 def records(tmp_path_factory):
-    made = make(next(case for case in plan(COUNT, SEED) if case.number == NUMBER), SEED)
+    made = make(CASE, SEED)
     folder = tmp_path_factory.mktemp("quiet") / "c"
     write_campaign(folder, made.truth.rig, made.case.channels, recorded(made, SEED))
     return read_records(folder)[1]
