@@ -175,7 +175,7 @@ def diagnose(
         campaign=loaded,
         attribution=attribution,
         judged=judged,
-        choice=gain_choice(records[0].nominal, corrected, speed) if corrected.effects else None,
+        choice=gain_choice(records[0].nominal, corrected, speed) if corrected.effects and not gap.grows else None,
         seconds=time.perf_counter() - begun,
         notes=tuple(dict.fromkeys(notes)),
         leftover=left,

@@ -18,6 +18,7 @@ RESAMPLES = 400
 SURE = 0.9  # of the gap before: how far its 95 % interval may reach down for a share that is closed
 CLEAR = 2.0  # times the noise from which on a gap is none of it, in however few lines it lies
 LOST_SD = 2.0  # standard deviations beyond which one simulation is worse than another
+GROWS = 1.05  # times the gap of the nominal rig from which on a corrected one is worse
 BLOCK = 8  # neighbouring residuals drawn together, because what remains is similar on neighbouring lines
 
 
@@ -63,6 +64,11 @@ class Gap:
     words: Mapping[str, Words]
     foils: Mapping[str, float | None]
     figures: Figures | None = None
+
+    @property
+    def grows(self) -> bool:
+        """Whether the corrected rig is farther from what judges than the nominal one is."""
+        return self.before is not None and (self.after is None or self.after > GROWS * self.before)
 
 
 def shrink(judged: Problem, attribution: Attribution, chosen: Candidate | None, held_out: str, seed: int) -> Gap:

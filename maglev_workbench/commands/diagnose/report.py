@@ -238,6 +238,8 @@ def _gap_lines(d: Diagnosis) -> list[str]:
         lines[0] = lines[0][:-1] + f": {NO_SHARE}."
     if g.before is None:
         lines[0] += " The nominal rig does not levitate with the recorded gains, so there is no share to close."
+    if g.grows and d.corrected.changes:
+        lines[0] += " The corrected rig is farther from it than the nominal one: do not use it."
     if g.figures is not None:
         lines.append(f"The fit itself: {fit_in_words(g.figures)}.")
     foils = {name: value for name, value in g.foils.items() if value is not None}

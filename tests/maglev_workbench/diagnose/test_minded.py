@@ -6,8 +6,9 @@ import pytest
 
 from maglev_workbench.commands.diagnose import minded as module
 from maglev_workbench.commands.diagnose.minded import curved, minded, unstated
-from maglev_workbench.commands.diagnose.report import capitalised
+from maglev_workbench.commands.diagnose.report import _gap_lines, capitalised
 from sim2real.compared.commands_seen import STALLS
+from sim2real.gap.shrink import Gap
 
 
 def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
@@ -119,3 +120,11 @@ def test_the_spikes_of_lost_commands_are_not_to_be_left_out(cause, notes):
     assert "0.1 A at 1.5 s" in minded(diagnosis(("friction",), effects=()), (SPIKE,))[0]
     elsewhere = {**SPIKE, "channel": "displacement", "message": "displacement: a spike"}
     assert "displacement: a spike" in minded(found, (elsewhere,))[0]
+
+
+def test_a_corrected_rig_that_is_worse_is_not_to_be_used():
+    corrected = SimpleNamespace(effects={}, changes={"mass": 0.1})
+    for after, told in ((8.11, True), (7.0, False)):
+        gap = Gap(7.48, None, after, 1.0, None, None, "holdout", {}, {})
+        (line,) = _gap_lines(SimpleNamespace(gap=gap, free=None, corrected=corrected, choice=None))
+        assert ("do not use it" in line) == told

@@ -164,3 +164,10 @@ def test_the_reading_is_found_behind_a_controller_that_reads_the_current():
     y, i = (rng.normal(size=(1, 4)) + 1j * rng.normal(size=(1, 4)) for _ in range(2))
     part = SimpleNamespace(opened=opened, used=np.ones(4, bool))
     np.testing.assert_allclose(_reading(part, opened.residuals(y, i)), y, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "grows"), [(7.48, 8.11, True), (7.48, 7.5, False), (3.0, None, True), (None, 2.0, False)]
+)
+def test_a_corrected_rig_that_is_worse_than_the_nominal_one_is_known_as_such(before, after, grows):
+    assert Gap(before, None, after, 1.0, None, None, "holdout", {}, {}).grows == grows
