@@ -123,7 +123,8 @@ def _of_force(d: Drawn, f: Form, unit: str) -> str:
         low, high = _ends(d, "N")
         return f"it bends to one side: {high} at {reach}, {low} at -{reach}"
     if f.name == "step":
-        return f"a step at zero of {size} either way, as of dry friction"
+        like = ", as of dry friction" if f.size > 0 else ", which drives where dry friction would hold back"
+        return f"a step at zero of {size} either way{'' if unit == 'm' else like}"
     if f.name == "band" and f.size < 0:
         steeper = _size(-f.size / knee, f.se / knee, per)
         return f"beyond {_knee(f, unit)} either way it grows more steeply, by {steeper}"

@@ -11,6 +11,7 @@ from sim2real.words import Fitted, fitted_quantity, percent, quantity, spoken
 
 SHOWN, LEAST = 3, 0.05  # shares that are listed, and the least of them
 UNEVEN = 2.0  # times its even share that a segment must hold to be named
+LITTLE = 0.05  # share of the missing force's power that a curve over a quantity describes, which says nothing of it
 CLEAR = 3.0  # mean square of a profile, in its standard errors, from which the missing force goes with a quantity
 
 
@@ -84,7 +85,8 @@ def leftover_lines(left: Leftover) -> list[str]:
     if left.profiles:
         best = max(left.profiles, key=lambda p: p.clear)
         told = ", ".join(f"{p.quantity} {percent(p.share)}" for p in left.profiles)
-        what = f"goes most clearly with the {best.quantity}" if best.clear > CLEAR else "goes with no single quantity"
+        told_apart = best.clear > CLEAR and best.share > LITTLE
+        what = f"goes most clearly with the {best.quantity}" if told_apart else "goes with no single quantity"
         lines.append(f"The force that the simulation lacks {what} (share of its power that a curve over it describes: "
                      f"{told}).")  # fmt: skip
     return lines

@@ -44,3 +44,14 @@ def test_both_ends_of_a_curve_that_is_not_odd_are_those_of_the_curve(place, reac
     assert form == name
     for end in ends:
         assert end in words
+
+
+@pytest.mark.parametrize(
+    ("place", "size", "said"),
+    [("free_damper", 0.3, ", as of dry friction"), ("free_damper", -0.3, ", which drives"), ("free_spring", 0.3, "")],
+)
+def test_a_step_is_dry_friction_where_it_holds_the_motion_back(place, size, said):
+    """The curve of a damper is a force against the velocity."""
+    form, words = told(place, 1.0, size * np.sign(X), 0.01)
+    assert form == "step" and "either way" + said in words
+    assert ("dry friction" in words) == (place == "free_damper")
