@@ -31,7 +31,7 @@ from sim2real.judgement.belief import shipped
 from sim2real.judgement.between_lines import between_lines
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
-from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, rareness
+from sim2real.judgement.likely import as_right, as_sure, likely_in_words, likely_of, rareness
 from sim2real.judgement.limit_not_shown import not_asked_in_words, without_limit_in_words
 from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.mechanisms import by_mechanism, renamed
@@ -167,7 +167,7 @@ def diagnose(
         verdict=named.verdict,
         cause=named.cause,
         where=where,
-        which=tuple(as_sure(named.found, weighed.found, shipped())),
+        which=tuple(as_right(as_sure(named.found, weighed.found, shipped()), shipped())),
         indistinguishable=(named.cause,) if named.verdict == "ambiguous" else (),
         next_experiments=plan,
         gap=gap,

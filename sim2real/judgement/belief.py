@@ -72,6 +72,8 @@ class Judge:
             of all campaigns (conformal prediction: V. Vovk, A. Gammerman and G. Shafer, 2005); NO_SET where none does.
         left: What is left beyond noise and forms where the truth is a known cause, in ascending order.
         surest: Largest probability of an unknown cause: an effect may have a form that leaves as much.
+        right: How often the most probable hypothesis is right, by what it is, "nothing" or "something": (a, b) of the
+            logit a + b logit(p) of that, where p is its probability (J. Platt, 1999); else it is p.
         made_by: What made it.
     """
 
@@ -80,6 +82,7 @@ class Judge:
     reached: Mapping[str, float] = field(default_factory=dict)
     left: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     surest: float = 1.0
+    right: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     made_by: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -101,7 +104,8 @@ def judge_from(data: Mapping[str, Any]) -> Judge:
     if data.get("schema") != SCHEMA:
         raise ValueError(f"judge: schema {data.get('schema')!r} is not {SCHEMA}; make it by maglev blind learn")
     left = {name: tuple(values) for name, values in data["left"].items()}
-    return Judge(Belief(**data["belief"]), data["trust"], data["reached"], left, data["surest"], data["made_by"])
+    right = {name: (float(a), float(b)) for name, (a, b) in data["right"].items()}
+    return Judge(Belief(**data["belief"]), data["trust"], data["reached"], left, data["surest"], right, data["made_by"])
 
 
 @cache

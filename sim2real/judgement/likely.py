@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit, logit
 
 from sim2real.judgement.belief import LEVEL, NO_SET, Judge, channels_of
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry, lacking
-from sim2real.search.hypotheses import UNKNOWN
+from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 
+NOTHING = ((NONE,), (CALIBRATION,))  # hypotheses under which nothing acts
 MOST_NAMED = 5  # hypotheses of a set that a sentence names
 
 
@@ -50,6 +52,33 @@ def as_sure(found: Sequence[Entry], before: Sequence[Entry], judge: Judge) -> li
         for e in found
     ]
     return sorted(now, key=lambda e: -e.probability)
+
+
+def as_right(found: Sequence[Entry], judge: Judge) -> list[Entry]:
+    """Hypotheses, the most probable first, of which that one is as probable as it was right.
+
+    "none" and "calibration" are one, because a real rig is never exactly nominal: that an effect hides below what shows
+    is as probable as it was. What is taken from the most probable one goes to the others in proportion, and what it is
+    given comes from them; but none of them becomes more probable than it is.
+    """
+    nothing = [e.effects in NOTHING for e in found]
+    share = np.array([e.probability for e in found])
+    clear, first = share[nothing].sum(), max((e.probability for e in found if e.effects not in NOTHING), default=0.0)
+    top = np.array(nothing) if clear >= first else np.arange(len(found)) == nothing.index(False)
+    known = judge.right.get("nothing" if clear >= first else "something")
+    p = float(share[top].sum())
+    if known is None or not 0 < p < 1:
+        return list(found)
+    second = float(share[~top].max())
+    now = max(right_of(p, *known), second / (second + 1 - p))
+    scaled = np.where(top, share * now / p, share * (1 - now) / (1 - p))
+    kept = [replace(e, probability=float(s)) for e, s in zip(found, scaled, strict=True)]
+    return sorted(kept, key=lambda e: -e.probability)
+
+
+def right_of(p: float, a: float, b: float) -> float:
+    """How often what has the probability p is right, see `Judge.right`."""
+    return float(expit(a + b * logit(p)))
 
 
 def rareness(evidence: Evidence, judge: Judge) -> tuple[float, int]:

@@ -6,8 +6,9 @@ from math import ceil, inf, isfinite
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
+from scipy.special import logit
 
-from sim2real.blind.cases import named
+from sim2real.blind.cases import NO_GAP, named
 from sim2real.blind.judging.calibration import calibration_error
 from sim2real.blind.judging.judging import ranked
 from sim2real.blind.learning.examples import Example
@@ -28,6 +29,7 @@ TRUSTED = (0.2, 1.5)  # range of the trust
 FOLDS = 4
 SURE = 0.95  # probability from which on a judge is nearly certain
 UNKNOWN = frozenset({"unknown"})
+LEAST_TOLD = 10  # campaigns that tell how often a kind of answer is right
 
 
 @dataclass(frozen=True)
@@ -101,12 +103,13 @@ def judge_of(examples: Sequence[Example], before: Judge, free: bool = True) -> J
         before: The judge whose constants are the prior.
         free: Whether the constants of its belief are learned, too.
     """
-    judge = replace(before, trust={}, reached={}, left={}, surest=1.0)
+    judge = replace(before, trust={}, reached={}, left={}, surest=1.0, right={})
     if free:
         judge = _with_belief(examples, judge)
     judge = replace(judge, trust=_by_channels(examples, lambda own, name: _trust(own, judge, name)))
     left = _by_channels(examples, lambda own, name: _left(own, judge))
-    return replace(judge, left=left, surest=_surest(examples, judge))
+    judge = replace(judge, left=left, surest=_surest(examples, judge))
+    return replace(judge, right=_right(examples, judge))
 
 
 def _with_belief(examples: Sequence[Example], plain: Judge) -> Judge:
@@ -164,6 +167,37 @@ def _surest(examples: Sequence[Example], judge: Judge) -> float:
     return (sum(e.truth == UNKNOWN for e in sure) + 1) / (len(sure) + 2)
 
 
+def _right(examples: Sequence[Example], judge: Judge) -> dict[str, tuple[float, float]]:
+    """How often the most probable hypothesis was right, by what it is."""
+    return rightness([_first(e, judge) for e in examples])
+
+
+def rightness(firsts: Sequence[tuple[frozenset[str], float, bool]]) -> dict[str, tuple[float, float]]:
+    """`Judge.right` by the most probable hypotheses of campaigns: (effects, probability, whether it was right)."""
+    of: dict[str, list[tuple[float, bool]]] = {"nothing": [], "something": []}
+    for effects, p, right in firsts:
+        of["nothing" if effects == NO_GAP else "something"].append((p, right))
+    return {name: _platt(np.array(told, float)) for name, told in of.items() if len(told) >= LEAST_TOLD}
+
+
+def _platt(told: np.ndarray) -> tuple[float, float]:
+    """(a, b) of the logit a + b logit(p) under which what was right of told (n, 2), p and whether, is the most likely;
+    a is 0 to one and b 1 to a half, standard deviations."""
+    x, sign = logit(np.clip(told[:, 0], LEAST, 1 - LEAST)), np.where(told[:, 1] > 0, -1.0, 1.0)
+
+    def cost(v: np.ndarray) -> float:
+        return float(np.logaddexp(0, sign * (v[0] + v[1] * x)).sum() + 0.5 * v[0] ** 2 + 2 * (v[1] - 1) ** 2)
+
+    a, b = minimize(cost, [0.0, 1.0], method="BFGS").x
+    return float(a), float(max(b, 0.0))
+
+
+def _first(e: Example, judge: Judge) -> tuple[frozenset[str], float, bool]:
+    """The most probable hypothesis, its probability, and whether it is the truth; as scored."""
+    first, probability = ranked((entry.effects, entry.probability) for entry in e.found(judge))[0]
+    return first, probability, first == e.truth
+
+
 def _mass_before_truth(e: Example, judge: Judge) -> float:
     """Probability of all hypotheses that are more probable than the truth; inf where it is not among them."""
     before = 0.0
@@ -179,5 +213,5 @@ def _told(e: Example, judge: Judge) -> tuple[float, float, float]:
 
     As scored: "none" and "calibration" are one hypothesis.
     """
-    first, probability = ranked((entry.effects, entry.probability) for entry in e.found(judge))[0]
-    return probability, float(first == e.truth), float(np.log(max(e.probability(judge), LEAST)))
+    _, probability, right = _first(e, judge)
+    return probability, float(right), float(np.log(max(e.probability(judge), LEAST)))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_evidence import drawn, examples
+from scipy.special import expit, logit
 
 from maglev_env.rig.rig_file import load_rig
 from sim2real.blind.benchmark.rigs import draw_rig
@@ -13,11 +14,20 @@ from sim2real.blind.cases import Answer, Case, Hypothesis
 from sim2real.blind.judging.judging import merged
 from sim2real.blind.learning import learn as learn_module
 from sim2real.blind.learning.examples import family_of, truth_of
-from sim2real.blind.learning.learn import UNKNOWN, _mass_before_truth, _reached, _told, judge_of, learn, log_score
+from sim2real.blind.learning.learn import (
+    UNKNOWN,
+    _mass_before_truth,
+    _reached,
+    _told,
+    judge_of,
+    learn,
+    log_score,
+    rightness,
+)  # fmt: skip
 from sim2real.judgement.belief import LEVEL, Judge, judge_from, shipped
 from sim2real.judgement.evidence_json import evidence_from_json, evidence_to_json
 from sim2real.judgement.judge import Entry, entries
-from sim2real.judgement.likely import as_sure, likely_in_words, likely_of, rareness
+from sim2real.judgement.likely import as_right, as_sure, likely_in_words, likely_of, rareness
 
 ROUNDS = 24  # of the search, which are fewer than in use
 
@@ -136,6 +146,40 @@ def test_an_unknown_cause_is_no_surer_than_it_was_right(refuted):
     assert [e.probability for e in as_sure(hardly, hardly, Judge(surest=0.93))] == pytest.approx([0.93, 0.07])
     named = [replace(e, probability=p) for e, p in zip(before, (0.4, 0.6), strict=True)]
     assert as_sure(named, before, Judge(surest=0.93)) == named
+
+
+def listed(**probabilities):
+    """Hypotheses by name, the most probable first."""
+    found = [Entry((name,), p, 1.0, None, None) for name, p in probabilities.items()]
+    return sorted(found, key=lambda e: -e.probability)
+
+
+def test_the_first_hypothesis_is_as_probable_as_it_was_right():
+    judge = Judge(right={"nothing": (0.3, 0.2), "something": (-0.5, 1.0)})
+    named = as_right(listed(delay=0.8, mass=0.15, none=0.05), judge)
+    assert [e.effects[0] for e in named] == ["delay", "mass", "none"]
+    assert named[0].probability == pytest.approx(1 / (1 + np.exp(0.5) / 4))
+    assert named[1].probability / named[2].probability == pytest.approx(3.0)
+    clear = as_right(listed(calibration=0.5, none=0.3, mass=0.2), judge)  # both are that nothing acts
+    by_name = {e.effects[0]: e.probability for e in clear}
+    assert by_name["calibration"] + by_name["none"] == pytest.approx(1 / (1 + np.exp(-0.3) / 4**0.2))
+    assert by_name["calibration"] / by_name["none"] == pytest.approx(5 / 3)
+    near = as_right(listed(delay=0.51, mass=0.48, none=0.01), judge)  # no other one becomes more probable
+    assert near[0].effects == ("delay",) and near[0].probability == pytest.approx(near[1].probability)
+    for found in (named, clear, near):
+        assert sum(e.probability for e in found) == pytest.approx(1.0)
+    whole = listed(unknown=1.0, mass=0.0)
+    assert as_right(whole, judge) == whole and as_right(named, Judge()) == named
+
+
+def test_how_often_the_first_hypothesis_is_right_is_learned_from_what_was_told():
+    rng = np.random.default_rng(5)
+    stated = rng.uniform(0.3, 0.99, 6000)
+    right = rng.uniform(size=stated.size) < expit(-0.5 + 0.9 * logit(stated))
+    firsts = [(frozenset({"delay"}), p, bool(r)) for p, r in zip(stated, right, strict=True)]
+    found = rightness([*firsts, (frozenset({"none"}), 0.9, True)])
+    assert found.keys() == {"something"}  # one campaign tells nothing of the others
+    assert found["something"] == pytest.approx((-0.5, 0.9), abs=0.08)
 
 
 def test_how_sure_an_unknown_cause_may_be_is_counted(monkeypatch):
