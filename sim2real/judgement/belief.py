@@ -72,8 +72,8 @@ class Judge:
             of all campaigns (conformal prediction: V. Vovk, A. Gammerman and G. Shafer, 2005); NO_SET where none does.
         left: What is left beyond noise and forms where the truth is a known cause, in ascending order.
         surest: Largest probability of an unknown cause: an effect may have a form that leaves as much.
-        right: How often the most probable hypothesis is right, by what it is, "nothing" or "something": (a, b) of the
-            logit a + b logit(p) of that, where p is its probability (J. Platt, 1999); else it is p.
+        right: How often the most probable hypothesis is right, of those that something acts: (a, b) of the logit
+            a + b logit(p) of that, where p is its probability (J. Platt, 1999).
         made_by: What made it.
     """
 
@@ -82,7 +82,7 @@ class Judge:
     reached: Mapping[str, float] = field(default_factory=dict)
     left: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     surest: float = 1.0
-    right: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    right: tuple[float, float] = (0.0, 1.0)
     made_by: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -104,8 +104,10 @@ def judge_from(data: Mapping[str, Any]) -> Judge:
     if data.get("schema") != SCHEMA:
         raise ValueError(f"judge: schema {data.get('schema')!r} is not {SCHEMA}; make it by maglev blind learn")
     left = {name: tuple(values) for name, values in data["left"].items()}
-    right = {name: (float(a), float(b)) for name, (a, b) in data["right"].items()}
-    return Judge(Belief(**data["belief"]), data["trust"], data["reached"], left, data["surest"], right, data["made_by"])
+    a, b = map(float, data["right"])
+    return Judge(
+        Belief(**data["belief"]), data["trust"], data["reached"], left, data["surest"], (a, b), data["made_by"]
+    )
 
 
 @cache

@@ -55,25 +55,22 @@ def as_sure(found: Sequence[Entry], before: Sequence[Entry], judge: Judge) -> li
 
 
 def as_right(found: Sequence[Entry], judge: Judge) -> list[Entry]:
-    """Hypotheses, the most probable first, of which that one is as probable as it was right.
+    """Hypotheses, the most probable first, of which that one is as probable as it was right, if it says that something
+    acts.
 
-    "none" and "calibration" are one, because a real rig is never exactly nominal: that an effect hides below what shows
-    is as probable as it was. What is taken from the most probable one goes to the others in proportion, and what it is
-    given comes from them; but none of them becomes more probable than it is.
+    What is taken from it goes to the others in proportion, and what it is given comes from them; but none of them
+    becomes more probable than it is. That nothing acts stays as probable as it is: what it is mistaken for is too
+    small to show, and no other hypothesis says so.
     """
-    nothing = [e.effects in NOTHING for e in found]
-    share = np.array([e.probability for e in found])
-    clear, first = share[nothing].sum(), max((e.probability for e in found if e.effects not in NOTHING), default=0.0)
-    top = np.array(nothing) if clear >= first else np.arange(len(found)) == nothing.index(False)
-    known = judge.right.get("nothing" if clear >= first else "something")
-    p = float(share[top].sum())
-    if known is None or not 0 < p < 1:
+    nothing = sum(e.probability for e in found if e.effects in NOTHING)
+    first, *others = found
+    p = first.probability
+    if first.effects in NOTHING or nothing >= p or not p < 1:
         return list(found)
-    second = float(share[~top].max())
-    now = max(right_of(p, *known), second / (second + 1 - p))
-    scaled = np.where(top, share * now / p, share * (1 - now) / (1 - p))
-    kept = [replace(e, probability=float(s)) for e, s in zip(found, scaled, strict=True)]
-    return sorted(kept, key=lambda e: -e.probability)
+    second = max((e.probability for e in others), default=0.0)
+    now = max(right_of(p, *judge.right), second / (second + 1 - p))
+    rest = (1 - now) / (1 - p)
+    return [replace(first, probability=now), *(replace(e, probability=rest * e.probability) for e in others)]
 
 
 def right_of(p: float, a: float, b: float) -> float:

@@ -29,7 +29,6 @@ TRUSTED = (0.2, 1.5)  # range of the trust
 FOLDS = 4
 SURE = 0.95  # probability from which on a judge is nearly certain
 UNKNOWN = frozenset({"unknown"})
-LEAST_TOLD = 10  # campaigns that tell how often a kind of answer is right
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def judge_of(examples: Sequence[Example], before: Judge, free: bool = True) -> J
         before: The judge whose constants are the prior.
         free: Whether the constants of its belief are learned, too.
     """
-    judge = replace(before, trust={}, reached={}, left={}, surest=1.0, right={})
+    judge = replace(before, trust={}, reached={}, left={}, surest=1.0, right=Judge().right)
     if free:
         judge = _with_belief(examples, judge)
     judge = replace(judge, trust=_by_channels(examples, lambda own, name: _trust(own, judge, name)))
@@ -167,22 +166,17 @@ def _surest(examples: Sequence[Example], judge: Judge) -> float:
     return (sum(e.truth == UNKNOWN for e in sure) + 1) / (len(sure) + 2)
 
 
-def _right(examples: Sequence[Example], judge: Judge) -> dict[str, tuple[float, float]]:
-    """How often the most probable hypothesis was right, by what it is."""
+def _right(examples: Sequence[Example], judge: Judge) -> tuple[float, float]:
+    """How often the most probable hypothesis was right."""
     return rightness([_first(e, judge) for e in examples])
 
 
-def rightness(firsts: Sequence[tuple[frozenset[str], float, bool]]) -> dict[str, tuple[float, float]]:
-    """`Judge.right` by the most probable hypotheses of campaigns: (effects, probability, whether it was right)."""
-    of: dict[str, list[tuple[float, bool]]] = {"nothing": [], "something": []}
-    for effects, p, right in firsts:
-        of["nothing" if effects == NO_GAP else "something"].append((p, right))
-    return {name: _platt(np.array(told, float)) for name, told in of.items() if len(told) >= LEAST_TOLD}
+def rightness(firsts: Sequence[tuple[frozenset[str], float, bool]]) -> tuple[float, float]:
+    """`Judge.right` by the most probable hypotheses of campaigns: (effects, probability, whether it was right).
 
-
-def _platt(told: np.ndarray) -> tuple[float, float]:
-    """(a, b) of the logit a + b logit(p) under which what was right of told (n, 2), p and whether, is the most likely;
-    a is 0 to one and b 1 to a half, standard deviations."""
+    The constants under which what was right is the most likely; a is 0 to one and b 1 to a half, standard deviations.
+    """
+    told = np.array([(p, right) for effects, p, right in firsts if effects != NO_GAP], float).reshape(-1, 2)
     x, sign = logit(np.clip(told[:, 0], LEAST, 1 - LEAST)), np.where(told[:, 1] > 0, -1.0, 1.0)
 
     def cost(v: np.ndarray) -> float:
