@@ -13,6 +13,7 @@ from sim2real.compared.simulated import experiment_near, lanes_of, series_at
 from sim2real.compared.tolerance_forms import form_nuisances
 from sim2real.diagnosis import diagnose
 from sim2real.judgement.belief import shipped
+from sim2real.judgement.likely import right_of
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record, read_records
 from sim2real.search import attribute
@@ -190,7 +191,8 @@ def test_beside_the_centre_a_stiffer_spring_is_not_the_magnets_stiffness(tmp_pat
     # Nothing speaks for an unknown cause but that it is one of a spring in so many campaigns.
     by_effects, judge = {e.effects: e.probability for e in found.which}, shipped()
     alike = np.exp(-judge.trust["current"] * judge.belief.unknown_alike)
-    assert by_effects[("unknown",)] / by_effects[found.cause] == pytest.approx(alike, rel=0.03)
+    right = right_of(1 / (1 + alike), *judge.right)
+    assert by_effects[("unknown",)] / by_effects[found.cause] == pytest.approx((1 - right) / right, rel=0.03)
     assert by_effects[("unknown",)] + by_effects[found.cause] > 0.99
 
 
