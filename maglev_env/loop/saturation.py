@@ -11,6 +11,7 @@ Where the iron creeps, the exponent of the knee is (1 - c) / n in place of 1 / n
 from math import log
 
 import numpy as np
+from scipy.special import expit
 
 from maglev_env.loop.magnets.law import SingleSidedLaw
 from maglev_env.loop.system import Values
@@ -67,12 +68,14 @@ def _before(passed: np.ndarray, knee: np.ndarray, sharpness: np.ndarray, creep: 
     """The current of which a knee passes this much, at most MOST knees: with less no current carries the weight, and
     the rotor falls."""
     there = np.isfinite(knee) & (passed != 0)
+    if not there.any():  # as on most rigs, whose lanes are built again for every step of a fit
+        return passed
     size = np.where(there, knee, 1.0)
     wanted = np.log(np.where(there, abs(passed) / size, 0.5))
     at = np.minimum(wanted, 0.0)  # ln of the current in knees; from below, where Newton's steps never go too far
     for _ in range(STEPS):
         short = wanted - at + (1 - creep) * np.logaddexp(0.0, sharpness * at) / sharpness
-        slope = 1 - (1 - creep) * _sigmoid(sharpness * at)
+        slope = 1 - (1 - creep) * expit(sharpness * at)
         at = np.minimum(at + short / np.maximum(slope, 1e-300), log(MOST))
     return np.where(there, np.sign(passed) * np.exp(at) * size, passed)
 
@@ -86,12 +89,8 @@ def _slope(current: np.ndarray, knee: np.ndarray, sharpness: np.ndarray, creep: 
 
 def _taken(current: np.ndarray, knee: np.ndarray, sharpness: np.ndarray) -> np.ndarray:
     """T = r^n / (1 + r^n) at a current of r knees."""
-    return _sigmoid(sharpness * _logarithm(current, knee))
+    return expit(sharpness * _logarithm(current, knee))
 
 
 def _logarithm(current: np.ndarray, knee: np.ndarray) -> np.ndarray:
     return np.log(np.maximum(abs(current) / knee, 1e-300))
-
-
-def _sigmoid(z: np.ndarray) -> np.ndarray:
-    return np.exp(-np.logaddexp(0.0, -z))

@@ -247,11 +247,7 @@ def _other_controller(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Map
     What it makes otherwise would count as an injection, and drive the simulated loop.
     """
     recorded = [e.kind == "recorded" and (e.at != "current" or "injection" in channels) for e in spec.excitations]
-    if drive.stand_in or drive.source != "command" or not recorded or not all(recorded):
-        return None
-    if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
-        return None
-    if (share := drive.not_made(channels, rig.command_step / sqrt(12))) < NOT_MADE:
+    if not recorded or not all(recorded) or (share := _not_made(rig, drive, channels)) < NOT_MADE:
         return None
     return (
         f"{spec.name}: the stated controller is not the one that made the command: {100 * share:.0f} % of it does not "
@@ -260,15 +256,21 @@ def _other_controller(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Map
     )
 
 
+def _not_made(rig: Rig, drive: Drive, channels: Mapping[str, np.ndarray]) -> float:
+    """Share of the command that the stated controller does not make, beside what its converter rounds off; 0 where no
+    command is compared with it, or a limit acts."""
+    if drive.stand_in or drive.source != "command":
+        return 0.0
+    if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
+        return 0.0
+    return drive.not_made(channels, rig.command_step / sqrt(12))
+
+
 def _added_unrecorded(rig: Rig, drive: Drive, spec: RecordingSpec, channels: Mapping[str, np.ndarray]) -> list[str]:
     """A note on what a command holds beside what the stated controller makes of displacement and moving reference: it
     was added, or another controller made it."""
     moves = "reference" in channels and np.ptp(channels["reference"], axis=1).all()
-    if drive.stand_in or drive.source != "command" or "injection" in channels or not moves:
-        return []
-    if limited(drive.experiment.gains, 1 / drive.experiment.rig.control_rate):
-        return []
-    if (share := drive.not_made(channels, rig.command_step / sqrt(12))) < ADDED:
+    if "injection" in channels or not moves or (share := _not_made(rig, drive, channels)) < ADDED:
         return []
     return [
         f"{spec.name}: {100 * share:.0f} % of the command does not follow from the recorded displacement and reference "

@@ -183,8 +183,8 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     }
     if "displacement" not in channels:
         raise ValueError(f"{where}: the channel displacement is missing; nothing is known of the rotor without it")
-    stands = rig.support_stiffness and not unstated_controller(rig, channels, spec.sample_rate)
-    if rig.controlled and spec.gains is None and not stands:
+    unknown = spec.gains is None and rig.controlled
+    if unknown and (not rig.support_stiffness or unstated_controller(rig, channels, spec.sample_rate)):
         # Without its controller the loop has no response to compare; what the current did to the rotor is still known.
         found = open_record(campaign, spec, dataset)
         return replace(found, notes=(WITHOUT_CONTROLLER, *found.notes))
