@@ -4,7 +4,7 @@ A fit takes up what it lacks in any way that it can. A cause that no name descri
 that no bench has: a support that drives the rotor instead of damping it, a mode so strongly damped that it has no
 resonance or far above all that was driven, two modes of which one takes back what the other does, a stop that touches
 wherever the rotor is, iron that saturates far above every field, a zero of the current that is off by nearly all of the
-bias, or a lag that is a delay.
+bias, a pull that is infinite well before the rotor touches its magnet, or a lag that is a delay.
 """
 
 from collections.abc import Collection, Mapping
@@ -23,6 +23,7 @@ STOP, NEARLY = "soft_stop", 1.01  # times the least distance of a stop at which 
 # bends nothing: what it does is that of a smaller force constant, which has a name of its own.
 KNEE, REACHED = "saturation", 0.1
 OF_BIAS = 0.8  # share of the bias current, or of its range, by which the zero of a current is off at most
+LAW, LAW_OFFSET = "force_law", "offset"
 LAG, DEAD = "amplifier_lag", 0.5  # share of what a lag adds from which on it is the dead time in it: a delay
 
 
@@ -55,9 +56,11 @@ def meaningless_cost(fit: Fit, rig: Rig, motion: float, current: float) -> float
 def _beyond(c: Coordinate, u: float) -> bool:
     """Whether an effect has no meaning where this coordinate is.
 
-    A zero is then off by nearly all of the bias, or a mode so far from all that was driven that it shows its static
-    part alone, which many causes have.
+    A zero is then off by nearly all of the bias, a law of force has its pole where the rotor still moves freely, or a
+    mode is so far from all that was driven that it shows its static part alone, which many causes have.
     """
+    if (c.effect, c.parameter) == (LAW, LAW_OFFSET):
+        return c.value(u) < 0 and c.at_bound(u)
     if EFFECTS[c.effect].parameters[c.parameter].within_bias:
         return abs(c.value(u)) > OF_BIAS * c.high
     return c.effect in RESONANCES and c.parameter == "frequency" and c.at_bound(u)

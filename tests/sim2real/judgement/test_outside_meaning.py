@@ -146,3 +146,13 @@ def test_a_lag_that_is_mostly_dead_time_is_a_delay(shorter, cost):
     assert point.changes["amplifier_time_constant"] == pytest.approx(-shorter)
     (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
     assert meaningless_cost(fit, rig, 1e-4, 1.0) == cost
+
+
+@pytest.mark.parametrize("offset, cost", [(-0.8, np.inf), (-0.7, 0.0), (20.0, 0.0)])
+def test_a_pull_without_an_end_before_the_magnet_is_none(offset, cost):
+    """A law far from its pole is an exponential one, which magnets have; one that has its pole inside the gap is none."""
+    h = Hypothesis(("force_law",), {}, scales=RIG.scales)
+    values = {"offset": offset, "exponent": -1.3}
+    u = np.array([c.at(values[c.parameter]) for c in h.coordinates])
+    (fit,) = begin([h], [u], np.zeros(3, complex), lambda points: np.zeros((len(points), 3), complex))
+    assert meaningless_cost(fit, RIG, 1e-4, 1.0) == cost
