@@ -26,9 +26,10 @@ from sim2real.gap.between_recordings import DELAY, between_recordings
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
-from sim2real.gap.wrong_scale import wrong_scale
+from sim2real.gap.wrong_reading import wrong_reading
 from sim2real.judgement.belief import shipped
 from sim2real.judgement.between_lines import between_lines
+from sim2real.judgement.borne_out import most_of_noise
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import as_right, as_sure, likely_in_words, likely_of, rareness
@@ -104,7 +105,7 @@ def diagnose(
         alone = along_one_axis(loaded, where.axes, lambda own: diagnose(own, seed, progress))
         if alone is not None:
             return replace(alone, seconds=time.perf_counter() - begun)
-    notes += contradictions(attribution, [name for e in named.kept for name in e.effects])
+    notes += contradictions(attribution, [e.effects for e in named.kept])
     notes += without_limit_in_words(weighed.evidence, [e.candidate for e in named.kept if e.candidate is not None])
     notes += named.notes
     if any("foreign_vibration" in e.effects for e in named.kept):
@@ -136,12 +137,13 @@ def diagnose(
         probable = named.effects[0].candidate if named.effects else None
         partial = best_partial(attribution, probable, unnamed_pair(attribution))
         left = leftover(attribution, judged, partial, fitted_parameters(partial), seed)
-    scale = None
+    misread = None
     if named.verdict != "no_gap" and np.isfinite(attribution.calibration.fit.cost):
         # The candidate with the least cost stands for an unknown cause: what explains as much has a name.
-        in_rig = picked or attribution.best
-        if scale := wrong_scale(attribution.problem, attribution.calibration.fit, in_rig.fit):
-            notes.append(scale.in_words())
+        in_rig, p = picked or attribution.best, attribution.problem
+        noise = most_of_noise(p.data.size)
+        if misread := wrong_reading(p, attribution.calibration.fit, in_rig.fit, noise):
+            notes.append(misread.in_words())
     alone, free = picked or attribution.calibration, None
     if left is not None or (picked is not None and _leaves_much(picked, attribution)):
         progress("free correction")
@@ -187,7 +189,7 @@ def diagnose(
         rareness=rare,
         evidence=weighed.evidence,
         late=late,
-        scale=scale,
+        misread=misread,
         gap_of_named=gap_of_named,
         between=between_lines(fitted, weighed.seen) if named.verdict == "unexplained" else None,
         tones={

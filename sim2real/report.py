@@ -211,8 +211,8 @@ def _loud(diagnosis: Diagnosis) -> str:
 
 
 def _misread(diagnosis: Diagnosis) -> str:
-    """A channel whose scale would explain as much, as the end of a sentence."""
-    return "" if diagnosis.scale is None else f"; but {diagnosis.scale.briefly}"
+    """A channel whose scale or time would explain as much, as the end of a sentence."""
+    return "" if diagnosis.misread is None else f"; but {diagnosis.misread.briefly}"
 
 
 def tempered(diagnosis: Diagnosis) -> str:

@@ -22,7 +22,7 @@ from sim2real.free.correction import Free
 from sim2real.gap.leftover import Leftover
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, errors
-from sim2real.gap.wrong_scale import WrongScale
+from sim2real.gap.wrong_reading import WrongReading
 from sim2real.judgement.belief import LEVEL
 from sim2real.judgement.between_lines import BetweenLines
 from sim2real.judgement.evidence import Evidence
@@ -75,7 +75,7 @@ class Diagnosis:
             the verdict is "unexplained".
         evidence: What the probabilities were computed from.
         late: The clear time between displacement and drive that this has taken up; None without one.
-        scale: The scale of a recorded channel that would explain as much; None without one.
+        misread: The scale or the time of a recorded channel that would explain as much; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
         axis: Of a rig with two axes, the one of which alone this is the diagnosis, because no known effect of both
@@ -110,7 +110,7 @@ class Diagnosis:
     rareness: tuple[float, int] | None = None
     evidence: Evidence | None = None
     late: Late | None = None
-    scale: WrongScale | None = None
+    misread: WrongReading | None = None
     gap_of_named: Gap | None = None
     off_balance: str | None = None
     axis: str | None = None
@@ -190,7 +190,7 @@ class Diagnosis:
             "tempering": self.tempering,
             "unseen": list(self.unseen),
             "off_balance": self.off_balance,
-            "wrong_scale": None if self.scale is None else asdict(self.scale),
+            "wrong_reading": None if self.misread is None else asdict(self.misread),
             "tones": {name: [asdict(tone) for tone in tones] for name, tones in self.tones.items()},
             "between_lines": None if self.between is None else asdict(self.between),
             "notes": list(self.notes),

@@ -98,18 +98,20 @@ def evidence_of(
     rows = np.stack([p.output, p.kind, octave], axis=1)
     names, label, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
     excess = [np.bincount(label.reshape(-1), abs(r) ** 2, count.size) - 2.0 * count for r in residuals]
+    scatter = NOISE_INFLATION * np.sqrt(4.0 * count)
+    noise = float(np.sqrt(np.sum(scatter**2)))
     return Evidence(
         tuple(c.effects for c in candidates),
         cost,
         attribution.nominal,
         np.array(excess),
-        NOISE_INFLATION * np.sqrt(4.0 * count),
+        scatter,
         tuple((p.outputs[o], KINDS[k], float(2.0**f)) for o, k, f in names),
         dict(tones),
         dict(spin),
         dict(causes),
         NOISE_ALONE if not np.isfinite(cost[at]) or best.jacobian is None else dispersion_of(p, best),
-        np.array([_strain(c.fit) for c in candidates]),
+        np.array([_strain(c, bool(e.sum() <= noise)) for c, e in zip(candidates, excess, strict=True)]),
         nameless,
         refused,
         float(np.vdot(p.data, p.data).real - 2.0 * p.data.size),
@@ -214,9 +216,14 @@ def _without(attribution: Attribution, candidate: int, name: str) -> float:
     return min(attribution.without(candidate, name), np.inf if rival is None else rival.fit.cost)
 
 
-def _strain(fit: Fit) -> float:
-    """What stated parameters cost that moved far beyond their tolerance, beside an effect or as one."""
-    return sum(fit.hypothesis.strained(fit.u).values()) + fit.hypothesis.beyond_stated(fit.u)
+def _strain(c: Candidate, whole: bool) -> float:
+    """What stated parameters cost that moved far beyond their tolerance, beside an effect or as one.
+
+    A single one that is wrong, and by which all recordings then agree with the simulation down to the noise (whole), is
+    a wrong statement and no sign of an unknown cause: that would have to do exactly what a number does.
+    """
+    h, u = c.fit.hypothesis, c.fit.u
+    return sum(h.strained(u).values()) + (0.0 if whole and len(c.effects) == 1 else h.contradiction(u))
 
 
 def _drift_cost(problem: Problem, fit: Fit, drift: Drift) -> float:

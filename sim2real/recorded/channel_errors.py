@@ -77,6 +77,16 @@ class ChannelError:
         return found
 
 
+def scale_of(channel: str) -> str:
+    """The name of an error of a channel's scale."""
+    return f"scale of {channel}"
+
+
+def time_of(channel: str) -> str:
+    """The name of an error of the time at which a channel is read."""
+    return f"delay of {channel}"
+
+
 def channel_errors(spec: RecordingSpec) -> tuple[ChannelError, ...]:
     """The errors that a campaign states of a recording's channels."""
     found = []
@@ -84,9 +94,9 @@ def channel_errors(spec: RecordingSpec) -> tuple[ChannelError, ...]:
         kind, _, letter = name.partition("_")
         axis = 1 if letter == "y" else 0
         if source.scale_tolerance:
-            found.append(ChannelError(f"scale of {name}", kind, axis, scale=source.scale_tolerance))
+            found.append(ChannelError(scale_of(name), kind, axis, scale=source.scale_tolerance))
         if source.delay_tolerance:
-            found.append(ChannelError(f"delay of {name}", kind, axis, delay=source.delay_tolerance))
+            found.append(ChannelError(time_of(name), kind, axis, delay=source.delay_tolerance))
     return tuple(found)
 
 

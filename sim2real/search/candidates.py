@@ -103,19 +103,26 @@ class Attribution:
         return fits[0]
 
 
-def contradictions(attribution: Attribution, named: Collection[str] = ()) -> list[str]:
-    """A sentence for each single effect that would explain more than all others if the rig did not exclude it, but for
-    those that are named all the same."""
+def contradictions(attribution: Attribution, named: Collection[tuple[str, ...]] = ()) -> list[str]:
+    """A sentence for each single effect that the rig excludes: where it is named alone all the same, or would explain
+    more than all others and is no part of what is named."""
     allowed = min((c.predictive for c in attribution.candidates if not c.contradicted), default=np.inf)
     found = []
     for c in attribution.candidates:
-        if len(c.effects) == 1 and c.contradicted and c.predictive < allowed and c.effects[0] not in named:
-            nominal = EFFECTS[c.effects[0]].nominal
-            change = c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0]))
-            stated = attribution.problem.parts[0].record.nominal.tolerance[nominal]
+        if len(c.effects) != 1 or not c.contradicted:
+            continue
+        (name,) = c.effects
+        nominal = EFFECTS[name].nominal
+        said = f"{name} {100 * c.fit.hypothesis.coordinates[0].value(float(c.fit.u[0])):+.3g} %"
+        stated = f"{nominal} to within {100 * attribution.problem.parts[0].record.nominal.tolerance[nominal]:.2g} %"
+        if c.effects in named:
             found.append(
-                f"{c.effects[0]} {100 * change:+.3g} % would fit better than what is named, but the rig states "
-                f"{nominal} to within {100 * stated:.2g} % ([tolerance]); if that is wrong, correct it"
+                f"{said} contradicts the rig's file, which states {stated} ([tolerance]): measure and correct it"
+            )
+        elif c.predictive < allowed and not any(name in effects for effects in named):
+            found.append(
+                f"{said} would fit better than what is named, but the rig states {stated} ([tolerance]); if that is "
+                "wrong, correct it"
             )
     return found
 

@@ -215,9 +215,17 @@ class Hypothesis:
         """Effects whose change at coordinates u contradicts the stated tolerance of their parameter."""
         return tuple(name for name, size in self._off_stated(u) if size > NEARLY * IMPOSSIBLE)
 
+    def contradiction(self, u: np.ndarray) -> float:
+        """Cost of what exceeds EXCLUDED at coordinates u, up to IMPOSSIBLE; 0 where nothing contradicts a stated
+        tolerance."""
+        sizes = (min(size, IMPOSSIBLE) for _, size in self._off_stated(u))
+        return STEEP * sum(max(size - EXCLUDED, 0.0) ** 2 for size in sizes)
+
     def beyond_stated(self, u: np.ndarray) -> float:
-        """Cost of what exceeds EXCLUDED at coordinates u; 0 where nothing contradicts a stated tolerance."""
-        return STEEP * sum(max(size - EXCLUDED, 0.0) ** 2 for _, size in self._off_stated(u))
+        """What a contradiction adds to the cost, less what the prior has there for what exceeds IMPOSSIBLE: a number
+        that is simply wrong, of another rotor or in another unit, is no less probable the farther it is off."""
+        over = (max(size**2 - IMPOSSIBLE**2, 0.0) for _, size in self._off_stated(u))
+        return self.contradiction(u) - sum(over)
 
     def _off_stated(self, u: np.ndarray) -> list[tuple[str, float]]:
         """Effects that change a parameter whose tolerance is stated, and by how many prior standard deviations."""

@@ -150,7 +150,7 @@ def test_a_lag_that_is_mostly_dead_time_is_a_delay(shorter, cost):
 
 @pytest.mark.parametrize("offset, cost", [(-0.8, np.inf), (-0.7, 0.0), (20.0, 0.0)])
 def test_a_pull_without_an_end_before_the_magnet_is_none(offset, cost):
-    """A law far from its pole is an exponential one, which magnets have; one that has its pole inside the gap is none."""
+    """A law far from its pole is an exponential one, which magnets have; with its pole inside the gap it is none."""
     h = Hypothesis(("force_law",), {}, scales=RIG.scales)
     values = {"offset": offset, "exponent": -1.3}
     u = np.array([c.at(values[c.parameter]) for c in h.coordinates])
