@@ -45,6 +45,7 @@ from sim2real.judgement.untold_time import late_readings
 from sim2real.judgement.verdict import verdict
 from sim2real.one_axis import along_one_axis
 from sim2real.recorded.at_rest.static_evidence import drift_in_words
+from sim2real.recorded.bursts import bursts
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.recorded.driven_alike import driven_alike_in_words
 from sim2real.recorded.open_record import OpenRecord
@@ -90,7 +91,8 @@ def diagnose(
     notes += of_noise
     noisy = [] if bench.shown else left_alone(attribution.problem, attribution.best.fit.residual)
     loud = louder_than_stated(noisy)
-    notes += louder_in_words(loud)
+    in_bursts = bursts(records)
+    notes += [*louder_in_words(loud), *(b.in_words() for b in in_bursts)]
     progress("judging")
     weighed = _weighed(records, fitted, attribution, scattered(noisy))
     notes = [*weighed.notes, *notes]
@@ -184,6 +186,7 @@ def diagnose(
         tempering=weighed.tempering,
         free=free,
         loud=loud,
+        bursts=tuple(in_bursts),
         unseen=tuple(name for name in EFFECTS if name in hidden),
         likely=tuple(likely),
         rareness=rare,

@@ -203,11 +203,14 @@ def _off_balance(diagnosis: Diagnosis) -> str:
 
 
 def _loud(diagnosis: Diagnosis) -> str:
-    """That what passes for noise is louder than the rig states, as the end of a sentence."""
-    if not diagnosis.loud:
-        return ""
-    times = f"{max(diagnosis.loud.values()):.2g} times as loud as the noise that the rig states"
-    return f"; but what passes for noise is {times}, and no recording repeats to tell"
+    """What is odd about what passes for noise, as the end of a sentence: louder than the rig states, or in bursts."""
+    said = ""
+    if diagnosis.loud:
+        times = f"{max(diagnosis.loud.values()):.2g} times as loud as the noise that the rig states"
+        said = f"; but what passes for noise is {times}, and no recording repeats to tell"
+    if diagnosis.bursts:
+        said += f"; but something comes in bursts ({', '.join(b.record for b in diagnosis.bursts)})"
+    return said
 
 
 def _misread(diagnosis: Diagnosis) -> str:

@@ -29,6 +29,7 @@ from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tone_sizes import ToneSize
 from sim2real.judgement.untold_time import Late
+from sim2real.recorded.bursts import Bursts
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fit import NOT_TOLD, Fit
 from sim2real.search.hypotheses import Coordinate
@@ -84,6 +85,7 @@ class Diagnosis:
         tones: Effect -> the tones that it would make, as they were seen, of those in any hypothesis.
         loud: Recording -> how many times as loud as the rig states is what the best explanation leaves, where that is
             much and nothing repeats that would tell noise from what an effect leaves.
+        bursts: Of the recordings that differ from period to period at single moments.
         off_balance: What the mean of a recording lacks of carrying the weight, where that is much but no evidence, as a
             clause.
     """
@@ -116,6 +118,7 @@ class Diagnosis:
     axis: str | None = None
     between: BetweenLines | None = None
     loud: Mapping[str, float] = field(default_factory=dict)
+    bursts: tuple[Bursts, ...] = ()
     tones: Mapping[str, tuple[ToneSize, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -190,6 +193,7 @@ class Diagnosis:
             "tempering": self.tempering,
             "unseen": list(self.unseen),
             "off_balance": self.off_balance,
+            "bursts": [asdict(b) for b in self.bursts],
             "wrong_reading": None if self.misread is None else asdict(self.misread),
             "tones": {name: [asdict(tone) for tone in tones] for name, tones in self.tones.items()},
             "between_lines": None if self.between is None else asdict(self.between),
