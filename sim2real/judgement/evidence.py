@@ -266,7 +266,11 @@ def unnamed_pair(attribution: Attribution) -> Candidate | None:
 
 
 def _absent(point: Point, name: str) -> bool:
-    return effect_value(point.effects, name) == effect_value({}, name)
+    """Whether an effect changes nothing: its size does not, nor is any knee that it may have instead within reach."""
+    places = (key for key, parameter in EFFECTS[name].parameters.items() if isinf(parameter.absent))
+    at = point.effects.get(name, {})
+    unreached = all(isinf(at.get(key, inf)) for key in places)
+    return unreached and effect_value(point.effects, name) == effect_value({}, name)
 
 
 def _later(point: Point, name: str, names: Sequence[str], rig: Rig) -> float:

@@ -102,22 +102,14 @@ def entries(evidence: Evidence, judge: Judge | None = None) -> list[Entry]:
     weights = np.exp(judge.trust.get(channels_of(evidence), 1.0) * (logs - logs.max()))
     weights /= weights.sum()
     if (known := weights[:-1].sum()) < 1 / HOPELESS:
-        weights[:-1] = known * _by_cost(costs, belief)
+        # An unknown cause leaves none of them probable, and bends what the rig states. By the likelihood an effect may
+        # come first that explains hardly anything, before one that explains nearly all and takes up the rest so.
+        weights[:-1] = known * np.exp(bent - np.logaddexp.reduce(bent))
     found = [
         Entry(names, float(w), float(cost), i, _worst(evidence, before, i))
         for (names, cost, _, i), w in zip(rows, weights, strict=True)
     ]
     return sorted(found, key=lambda e: (-e.probability, e.cost))
-
-
-def _by_cost(costs: np.ndarray, belief: Belief) -> np.ndarray:
-    """Shares (n,) of hypotheses of which an unknown cause leaves none probable: by how much each explains.
-
-    By the likelihood an effect would come first that hardly explains anything, and therefore leaves the rig as it is
-    stated, where one that explains nearly all takes up the rest by what is stated.
-    """
-    likelihood = -0.5 * belief.freedom * np.log1p((costs - costs.min()) / belief.freedom)
-    return np.exp(likelihood) / np.exp(likelihood).sum()
 
 
 def lacking(evidence: Evidence, judge: Judge | None = None) -> float:

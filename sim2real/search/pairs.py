@@ -7,6 +7,7 @@ import numpy as np
 
 from sim2real.compared.point import TOLERANCE_EFFECTS
 from sim2real.compared.problem import Problem
+from sim2real.compared.reached import current_reached
 from sim2real.recorded.drifting import DRIFTING
 from sim2real.search.along_law import along_law
 from sim2real.search.exchanged import exchanged, resembling
@@ -17,7 +18,7 @@ from sim2real.search.joint import joint_pairs
 from sim2real.search.ringing import ringing
 from sim2real.search.screening import Start, extended, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
-from sim2real.search.starts import starts
+from sim2real.search.starts import starts, starts_elsewhere
 from sim2real.search.where_it_stands import LAW, where_it_stands
 
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
@@ -143,14 +144,18 @@ def _beside_which(h: Hypothesis, alone: Mapping[str, float]) -> float:
     return min(alone[name] for name in ([name for name in h.effects if name in h.seen] or h.effects))
 
 
-def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, other: Fit) -> np.ndarray:
-    """Coordinates beside a seed; forms that only the other fit has are taken from it."""
+def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, forms: Mapping[str, float]) -> np.ndarray:
+    """Coordinates beside a seed, with the coordinates of forms that it does not have."""
     u, first = extended(h, effects, seed), len(h.coordinates)
-    known = dict(zip(other.hypothesis.calibrated, other.u[len(other.hypothesis.coordinates) :], strict=True))
     for i, name in enumerate(h.calibrated, first):
-        if name in other.hypothesis.shapes and name not in seed.hypothesis.shapes:
-            u[i] = known[name]
+        if name in forms and name in h.shapes and name not in seed.hypothesis.shapes:
+            u[i] = forms[name]
     return u
+
+
+def _formed(hypothesis: Hypothesis, u: np.ndarray) -> dict[str, float]:
+    """Coordinates of forms, and of all else that is calibrated, by name."""
+    return dict(zip(hypothesis.calibrated, u[len(hypothesis.coordinates) :].tolist(), strict=True))
 
 
 def alone_again(problem: Problem, singles: Sequence[Fit], pairs: Sequence[Fit]) -> list[Fit]:
@@ -187,7 +192,7 @@ def _round(
     """Fit the most promising new pairs, found by a linear prediction: any effect beside the effect of a seed, or those
     of `only`."""
     differentiate(seeds, problem.data, problem.simulate, True)
-    jobs = []
+    jobs, reached = [], current_reached(problem)
     for seed in seeds:
         first = seed.hypothesis.effects[0]
         n = len(seed.hypothesis.coordinates)
@@ -198,10 +203,14 @@ def _round(
             h = seed.hypothesis.instead(first, name)
             if not other.hypothesis.coordinates:  # on this rig it has a form alone, which only a fit of it knows
                 h = replace(h, shaped=(*h.shaped, name))
-            tried = starts(name, h.scales)
+            own, formed = len(other.hypothesis.coordinates), _formed(other.hypothesis, other.u)
+            tried = [(start, formed) for start in starts(name, h.scales)]
             if np.isfinite(other.cost):
-                tried = [*tried, other.u[: len(other.hypothesis.coordinates)]]
-            jobs += [(seed, h, _beside(h, np.concatenate([seed.u[:n], start]), seed, other)) for start in tried]
+                tried.append((other.u[:own], formed))
+            if not own:  # where it sits beside another effect need not be where it explained most alone
+                elsewhere = starts_elsewhere(seed.hypothesis, name, reached)
+                tried += [(u[:0], _formed(free, u)) for free, u in elsewhere]
+            jobs += [(seed, h, _beside(h, np.concatenate([seed.u[:n], at]), seed, forms)) for at, forms in tried]
     drifts = PAIRS if any(DRIFTING in seed.hypothesis.effects for seed in seeds[:1]) else DRIFTS
     chosen: dict[frozenset[str], Start] = {}
     ranked = screened(problem, jobs, apart=False)

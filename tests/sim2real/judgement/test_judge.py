@@ -124,6 +124,16 @@ def test_what_contradicts_the_rig_lends_its_excuse_to_nothing(strain, named):
     assert (probability(entries(replace(e, strain=strained)), "amplifier_lag", "mass") > 0.5) == named
 
 
+def test_beside_an_unknown_cause_what_explains_most_comes_first_however_it_bends_the_rig():
+    """Iron and a delay: beside the delay, mass and gains took up what the iron does. Lost commands explain less."""
+    e = gap(5e5, delay=400.0, friction=1.1e5)
+    strain = np.array([{("delay",): 300.0, ("friction",): 130.0}.get(names, 500.0) for names in e.effects])
+    bad = Dispersion(ChiSquare(EXPECTED + 2e4, EXPECTED), ChiSquare(0.0, 0.0))
+    found = entries(replace(e, cost=e.cost + strain, strain=strain, dispersion=bad))
+    assert found[0].effects == ("unknown",) and found[0].probability > 0.999
+    assert found[1].effects == ("delay",)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_probabilities_sum_to_one_and_fall(seed):
     rng = np.random.default_rng(seed)
@@ -385,6 +395,12 @@ def test_an_effect_that_changes_nothing_is_not_named_beside_another_one():
     assert idle(saturated | lag, {"amplifier_time_constant": -0.07}) == inf
     assert idle(saturated | lag, {"amplifier_time_constant": 0.07}) == 0.0
     assert idle({"sensor_lag": {"time_constant": 1e-5}, "damping": {"coefficient": 0.0}}) == inf
+
+
+@pytest.mark.parametrize(("knee", "cost"), [({"current": 1.0}, 0.0), ({"command": 1.0}, 0.0), ({}, inf)])
+def test_iron_that_saturates_at_a_current_is_named_beside_another_effect(knee, cost):
+    """As of a single magnet, whose fields are not known."""
+    assert idle({"delay": {"time": 1e-4}, "saturation": {"sharpness": 3.0} | knee}) == cost
 
 
 def test_what_a_stated_constant_explains_better_than_any_name_is_unknown():
