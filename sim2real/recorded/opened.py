@@ -148,6 +148,23 @@ def noise_of(record: Record, opened: Opened) -> np.ndarray:
     return np.sqrt(variance)
 
 
+def by_rounding(values: np.ndarray, step: float, samples: int) -> float:
+    """Variance of a line's amplitude that a converter makes of a motion, in squares of the step's unit.
+
+    What a rounded reading lacks is a saw tooth over the motion, whose period is a step. In a period of the recording it
+    has about two lines for each step that is passed: slow motion over few steps is rounded worse than white noise says.
+
+    Args:
+        values: Readings (n,) of whole periods.
+        step: Of the converter; 0: none.
+        samples: Of a period.
+    """
+    if not step:
+        return 0.0
+    passed = np.abs(np.diff(values)).sum() / step * samples / values.size
+    return float(step**2 / 12 * 4 / np.clip(4 * passed, 1, samples))
+
+
 def noise_about_trends(record: Record, opened: Opened, first: int = 0) -> np.ndarray:
     """Variance (outputs, axes, n) of one period's residuals about a straight line over the periods from `first`, pooled
     as in `noise_of`."""
@@ -244,12 +261,17 @@ def _neighbours(ratio: np.ndarray, kept: np.ndarray, width: int) -> np.ndarray:
 
 
 def _resolution(record: Record, opened: Opened) -> Mapping[str, np.ndarray]:
-    """Variance (axes, n) of a line from the converters' resolution, as white noise that periods do not average."""
+    """Variance (axes, n) of a line from the converters' resolution, as noise that periods do not average.
+
+    What a command lacks of its step is white.
+    """
     rig, n = record.experiment.rig, record.experiment.recorded_per_period
     found = {"plant": np.zeros(opened.plant.shape), "amplifier": np.zeros(opened.plant.shape)}
     for axis in range(record.axes):
         own = axis_rig(record.nominal, axis)
         adc, dac = own.reading_step, own.command_step if rig.controlled else 0.0
-        found["plant"][axis] = (adc**2 + abs(opened.plant[axis]) ** 2 * dac**2) / 12 * 4 / n
-        found["amplifier"][axis] = abs(opened.amplifier[axis]) ** 2 * dac**2 / 12 * 4 / n
+        read = by_rounding(record.series["displacement"][axis], adc, n)
+        commanded = dac**2 / 12 * 4 / n
+        found["plant"][axis] = read + abs(opened.plant[axis]) ** 2 * commanded
+        found["amplifier"][axis] = abs(opened.amplifier[axis]) ** 2 * commanded
     return found

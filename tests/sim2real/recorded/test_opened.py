@@ -13,7 +13,7 @@ from maglev_env.loop.gains import Gains, LinearController
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point
 from sim2real.compared.problem import assemble
-from sim2real.recorded.opened import loud_bands, noise_of, opened_loop
+from sim2real.recorded.opened import by_rounding, loud_bands, noise_of, opened_loop
 from sim2real.recorded.records import Record, read_records
 
 FREE, RADIAL = load_rig("hmb_free"), load_rig("hmb_radial")
@@ -218,3 +218,23 @@ def test_a_transient_that_was_kept_is_no_loud_band(tmp_path):
     e = planned(FREE, names=("gains",), seed=107)[0].experiment
     records = repeated(tmp_path, [replace(e, seed=s) for s in range(32)])
     assert not any(loud_bands(record, opened_loop(record)) for record in records)
+
+
+@pytest.mark.parametrize("steps", [2.0, 5.0, 40.0])
+def test_what_a_coarse_converter_makes_of_a_slow_motion_lies_on_few_lines(steps):
+    """Against motions that are rounded: as white noise over all lines it would be told too small by far."""
+    n, lines, found = 8192, np.arange(1, 41), []
+    turn = 2 * np.pi * np.outer(np.arange(1, 21), np.arange(n)) / n
+    for seed in range(60):
+        motion = np.cos(turn + np.random.default_rng(seed).uniform(0, 2 * np.pi, 20)[:, None]).sum(axis=0)
+        motion *= steps / motion.std()
+        amplitudes = 2 / n * np.fft.rfft(np.round(motion) - motion)[lines]
+        found.append(np.mean(abs(amplitudes) ** 2) / by_rounding(np.round(motion), 1.0, n))
+    assert 0.75 < np.mean(found) < 1.3
+    assert steps > 5 or by_rounding(np.round(motion), 1.0, n) > 6 * 4 / 12 / n
+
+
+def test_noise_beyond_the_step_of_a_converter_is_rounded_like_white_noise():
+    values = np.round(np.random.default_rng(0).normal(0.0, 3.0, 8192))
+    assert by_rounding(values, 1.0, 2048) == pytest.approx(4 / 12 / 2048)
+    assert by_rounding(values, 0.0, 2048) == 0.0
