@@ -287,8 +287,8 @@ MUTANTS = (
         "The noise that the converters' resolution makes of a line is halved.",
         (
             (
-                "(adc**2 + abs(opened.plant[axis]) ** 2 * dac**2) / 12 * 4 / n",
-                "(adc**2 + abs(opened.plant[axis]) ** 2 * dac**2) / 12 * 2 / n",
+                "step**2 / 12 * 4 / np.clip(4 * passed, 1, samples)",
+                "step**2 / 12 * 2 / np.clip(4 * passed, 1, samples)",
             ),
         ),
         ("test_opened.py",),
