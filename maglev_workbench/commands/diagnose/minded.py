@@ -28,11 +28,12 @@ def minded(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]] = ()) -> 
 
 def _not_as_stated(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]]) -> list[str]:
     """A sentence where a warning says what no effect does, or that a column is late which no known effect explains: the
-    gap may be nothing else."""
+    gap may be nothing else. A late current may as well be what lags before it, unless its readings alone explain as
+    much as that, which is said elsewhere (`Diagnosis.misread`)."""
     if diagnosis.verdict == "no_gap":
         return []
     unknown = diagnosis.verdict == "unexplained"
-    own = [w for w in warnings if w["kind"] == "wiring" or (unknown and w["code"] == LATE)]
+    own = [w for w in warnings if w["kind"] == "wiring" or (unknown and w["code"] == LATE and _kind(w) != "current")]
     if LOST in causes_of(diagnosis) or any(note.endswith(STALLS) for note in diagnosis.notes):
         own = [w for w in own if (w["code"], w.get("channel")) != SPIKE]  # a command that is lost makes one
     if not own:
@@ -43,6 +44,11 @@ def _not_as_stated(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]]) 
         f"the gap may be that a recording is not what its campaign states{more}: {first['recording']}: {said}; "
         "put that right first, and diagnose again"
     ]
+
+
+def _kind(warning: Mapping[str, Any]) -> str:
+    """Of the channel that a warning is on, without its axis."""
+    return str(warning.get("channel", "")).partition("_")[0]
 
 
 def curved(diagnosis: Diagnosis) -> list[str]:

@@ -86,6 +86,7 @@ WIRING = {
 LATE = {
     "code": "delay",
     "kind": "effect",
+    "channel": "force",
     "recording": "r2.npz",
     "message": "force: late by 2 samples; check when column 'F' is read; or an effect (damping): run `maglev diagnose`",
 }
@@ -97,6 +98,7 @@ LATE = {
         ("explained", (WIRING,), "states: r1.npz: gains: with kp = 5 in place of 6; correct kp; put that right first"),
         ("ambiguous", (LATE, WIRING, WIRING), "(1 more such warnings): r1.npz: gains: with kp"),
         ("unexplained", (LATE,), "r2.npz: force: late by 2 samples; check when column 'F' is read; put that right"),
+        ("unexplained", ({**LATE, "channel": "current_x"},), None),
         ("explained", (LATE,), None),
         ("no_gap", (WIRING,), None),
         ("unexplained", ({**WIRING, "kind": "quality"},), None),
