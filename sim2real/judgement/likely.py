@@ -13,6 +13,7 @@ from sim2real.judgement.judge import Entry, lacking
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
 
 NOTHING = ((NONE,), (CALIBRATION,))  # hypotheses under which nothing acts
+RARE = 0.1  # p-value from which on what is left is no evidence of an unknown cause
 MOST_NAMED = 5  # hypotheses of a set that a sentence names
 
 
@@ -109,5 +110,10 @@ def likely_in_words(kept: Sequence[Entry], rare: tuple[float, int] | None) -> li
         said.append(
             f"p-value of a known cause: {rare[0]:.2g} (none can be below {1 / (1 + rare[1]):.2g}), the share of "
             f"{rare[1]} campaigns with one that left as much beyond noise and other forms when the judge was taught"
+            + (
+                ""
+                if rare[0] < RARE
+                else "; so not what is left speaks against one, but what the rig states or the holdout"
+            )
         )
     return said

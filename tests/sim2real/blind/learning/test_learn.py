@@ -179,6 +179,12 @@ def test_how_often_the_first_hypothesis_is_right_is_learned_from_what_was_told()
     assert rightness(nothing) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize(("p", "speaks"), [(0.03, True), (0.6, False)])
+def test_what_is_not_rare_for_a_known_cause_is_said_to_speak_for_none(p, speaks):
+    (said,) = likely_in_words(listed(unknown=0.9), (p, 100))
+    assert said.startswith(f"p-value of a known cause: {p}") and ("not what is left speaks" in said) != speaks
+
+
 def test_how_sure_an_unknown_cause_may_be_is_counted(monkeypatch):
     """Nine of ten that were nearly certain, and by chance more: (9 + 1) / (10 + 2)."""
     sure = [Entry(("unknown",), 0.99, 1.0, None, None)]
