@@ -15,6 +15,7 @@ MOST_EFFECTS = 6  # that a sentence names
 OF_CONTROLLER = ("controller", "injection to command", "reference to command")
 HALF = 0.2  # of half a sample: how near to it a delay is taken for it
 LARGEST = 8.0  # factor that an effect may be: D measures an actuator gain of 4.5 times the computed one
+UNIT = 30.0  # factor from which on what is stated or recorded is in another unit
 
 
 def explained(view: View, rows: Sequence[Row]) -> list[Finding]:
@@ -135,7 +136,9 @@ def _one(view: View, found: Sequence[Cause], rows: Sequence[Row], together: Sequ
     if not sure:
         kind = "effect"
         text += f"; or an effect ({_effects(off)}): run `maglev diagnose`"
-    elif len({row.code for row in off if lead.name in row.powers}) > 1 or lead.negative:
+    elif (
+        len({row.code for row in off if lead.name in row.powers}) > 1 or lead.negative or abs(lead.size) > np.log(UNIT)
+    ):
         kind = "contradiction"
     return Finding(code, view.recording, channel, float(value), interval, text, kind)
 

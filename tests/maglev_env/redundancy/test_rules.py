@@ -243,6 +243,17 @@ def test_gains_that_count_in_a_wrong_unit_leave_the_scale_of_the_reading_open(so
     assert "or the scale of column 'displacement', if the stated gains count in it" in said
 
 
+@pytest.mark.parametrize(("times", "kind"), [(1e-3, "contradiction"), (0.5, "wiring")])
+def test_gains_in_another_unit_contradict_the_recording(sound, tmp_path, times, kind):
+    """In A/mm no controller keeps a rotor in the air. Half of them may be those of the day before."""
+
+    def stated(text):
+        return re.sub(r"\b(kp|ki|kd) = ([\d.e+-]+)", lambda m: f"{m[1]} = {times * float(m[2])!r}", text)
+
+    found = [f for f in changed(sound, tmp_path / "c", "base", lambda _: None, stated) if "gains" in f.channel]
+    assert found and found[0].kind == kind
+
+
 @pytest.mark.parametrize("stated", [0.5, 1 / 1.5, 1 / 1.2, 2.0])
 def test_the_mass_that_is_shown_is_told_without_the_stiffness(dense, tmp_path, stated):
     """A mass of twice the stated one had been said to be 1 / 0.548 +- 0.006 times it: the magnets' stiffness has its
