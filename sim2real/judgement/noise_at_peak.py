@@ -27,19 +27,31 @@ def noise_at_peak(record: Record | OpenRecord, point: Point, tone: Tone) -> bool
     the noise there, so that about it the median is far below the noise.
     """
     e = experiment_at(record.experiment, linear(point))
-    rise = max(_rise(record, axis_experiment(e, axis), tone.frequency) for axis in range(record.axes))
+    rise = max(_rise(record, axis_experiment(e, axis), axis, tone.frequency) for axis in range(record.axes))
     lines = record.windows.count * WIDTH if isinstance(record, OpenRecord) else record.series["displacement"].shape[1]
     chance = stats.chi2.logsf(tone.chi2 / rise, 2 * record.axes)
     return bool(rise > PEAK and chance + np.log(lines) > np.log(FALSE_ALARM))
 
 
-def _rise(record: Record | OpenRecord, e: Experiment, frequency: float) -> float:
+def _rise(record: Record | OpenRecord, e: Experiment, axis: int, frequency: float) -> float:
     """Power of the noise at a frequency (Hz) over that of the lines from which its level is told, of one axis: of the
-    reading's or of forces, in whichever it is more."""
+    reading's or of forces, in whichever it is more.
+
+    What is left of a recording without a period was opened as the loop of the nominal rig. Where a rotor on springs
+    resonates elsewhere than there, this makes a peak of the noise at the resonance that it does not have.
+
+    Args:
+        record: The record.
+        e: Its experiment at the point, on one axis.
+        axis: That axis.
+        frequency: Of a tone.
+    """
     if isinstance(record, OpenRecord):
         lines = frequency + np.arange(-(WIDTH // 2), WIDTH // 2 + 1) * resolution_of(record)
-        power = abs(loop_response(e, np.array([frequency, *lines[lines > 0]])).plant) ** 2
-        return float(power[0] / power[1:].mean())
+        at = np.array([frequency, *lines[lines > 0]])
+        r, opened = loop_response(e, at), loop_response(axis_experiment(record.experiment, axis), at)
+        powers = (abs(own / opened.sensitivity) ** 2 for own in (r.sensitivity, r.receptance))
+        return max(float(power[0] / power[1:].mean()) for power in powers)
     spacing = resolution_of(record) * record.count / (record.count - 1)  # without the harmonics
     lines = abs(frequency + np.arange(-NEIGHBOURS, NEIGHBOURS + 1) * spacing)  # mirrored at zero, as the median is
     r = loop_response(e, np.array([frequency, *np.maximum(lines, spacing)]))

@@ -12,7 +12,7 @@ from maglev_env.experiment import Experiment
 from maglev_env.linear.loop import loop_response
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig_file import load_rig
-from sim2real.compared.point import NOMINAL
+from sim2real.compared.point import NOMINAL, Point
 from sim2real.judgement import noise_at_peak as module
 from sim2real.judgement.noise_at_peak import noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
@@ -28,6 +28,21 @@ def test_a_tone_at_a_resonance_narrower_than_a_window_must_exceed_the_noise_ther
     f = np.arange(20.0, 80.0, 0.05)
     peak = f[abs(loop_response(e, f).plant).argmax()]
     assert noise_at_peak(record, NOMINAL, Tone(off * peak, {}, chi2)) == noise
+
+
+@pytest.mark.parametrize(("change", "off", "noise"), [(-0.2, 1.0, True), (0.0, 1.0, False), (-0.2, 1.4, False)])
+def test_noise_of_the_probe_stands_out_where_the_nominal_rotor_resonates_and_the_true_one_does_not(change, off, noise):
+    """The recording was opened as the nominal loop, by 1 + P C, and was closed by the true one."""
+    rig = replace(load_rig("eframe"), support_stiffness=40e3, support_damping=12.0, mass=0.3)
+    e, windows = Experiment(rig, rig.gains, ()), LineWindows(5000, rig.control_rate / 5, 1, 20)
+    record = OpenRecord("", "fit", rig, e, {}, {}, np.zeros((1, 0)), np.zeros((1, 0)), 0, windows)
+    f = np.arange(20.0, 80.0, 0.05)
+    peak = f[abs(loop_response(e, f).plant).argmax()]
+    point = Point({"support_stiffness": {"change": change}}, {})
+    assert noise_at_peak(record, point, Tone(off * peak, {}, 60.0)) == noise
+    true = Experiment(replace(rig, support_stiffness=(1 + change) * 40e3), rig.gains, ())
+    left = abs(loop_response(true, f).sensitivity / loop_response(e, f).sensitivity)
+    assert (left.max() > 2.0) == (change != 0) and (not change or abs(f[left.argmax()] / peak - 1) < 0.05)
 
 
 @pytest.mark.parametrize(("least", "noise"), [(0.05, True), (1.0, False)])
