@@ -22,6 +22,7 @@ from sim2real.search.starts import starts, starts_elsewhere
 from sim2real.search.where_it_stands import LAW, where_it_stands
 
 SEEDS, PAIRS = 4, 8  # per round: best single effects to which a second one is added, and pairs that are fitted
+PER_SEED = 5  # of these, beside the same effect: on the one recording that ranks them, one may seem good by itself
 DRIFTS = 2  # per round: pairs with a drift that are fitted beside these, where a drift explains less alone than others
 STRETCHED = 2  # best single effects beside which a stated parameter may become an effect
 SWAPPED = 2  # best pairs of which either effect is tried with others
@@ -218,6 +219,9 @@ def _round(
         pair = frozenset(start.hypothesis.effects)
         # In the mean a drift is another gain: unless it explains most alone, its pairs have places of their own.
         most = len(only) if only is not None else drifts if DRIFTING in pair else PAIRS
+        same = sum(other.hypothesis.effects[0] == start.hypothesis.effects[0] for other in chosen.values())
+        if only is None and len(seeds) > 1 and same >= PER_SEED:
+            continue
         if sum((DRIFTING in other) == (DRIFTING in pair) for other in chosen) < most:
             chosen.setdefault(pair, start)
     alike = {other for pair in list(chosen)[:SWAPPED] for other in resembling(pair)}
