@@ -117,9 +117,8 @@ def free_correction(
     bases = [partial] if named or not np.isfinite(calibration.fit.cost) else [calibration, partial]
     best: Fit | None = None
     for base in dict.fromkeys(bases):
-        good = best is not None and best.excess < POOR * max(calibration.fit.excess, 0.0)
-        if best is not None and good and best.excess <= max(base.fit.excess, 0.0):
-            break  # nor does the partial explanation leave less by itself
+        if best is not None and best.excess < POOR * max(calibration.fit.excess, 0.0):
+            break
         if not lacks(base.fit):
             continue
         found = corrected(problem, base.fit)
