@@ -37,6 +37,7 @@ from sim2real.judgement.limit_not_shown import not_asked_in_words, without_limit
 from sim2real.judgement.lost_commands import LOST
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
+from sim2real.judgement.noise_at_peak import NO_TANGENT
 from sim2real.judgement.rows_with_tones import TOO_LOUD
 from sim2real.judgement.sightings import LOUD, Sighting, may_creep, of_mains, sightings
 from sim2real.judgement.tone_sizes import tone_parameters, tone_sizes
@@ -91,8 +92,7 @@ def diagnose(
     notes += of_noise
     noisy = [] if bench.shown else left_alone(attribution.problem, attribution.best.fit.residual)
     loud = louder_than_stated(noisy)
-    in_bursts = bursts(records)
-    notes += [*louder_in_words(loud), *(b.in_words() for b in in_bursts)]
+    notes += louder_in_words(loud)
     progress("judging")
     weighed = _weighed(records, fitted, attribution, scattered(noisy))
     notes = [*weighed.notes, *notes]
@@ -110,6 +110,10 @@ def diagnose(
     notes += contradictions(attribution, [e.effects for e in named.kept])
     notes += without_limit_in_words(weighed.evidence, [e.candidate for e in named.kept if e.candidate is not None])
     notes += named.notes
+    # What is lost, sticks or ends at a limit makes noise of its own, at moments.
+    at_moments = any(name in NO_TANGENT or name == LOST for e in named.kept for name in e.effects)
+    in_bursts = [] if at_moments else bursts(records)
+    notes += [b.in_words() for b in in_bursts]
     if any("foreign_vibration" in e.effects for e in named.kept):
         notes += near_rotation(fitted, weighed.seen)
     likely = likely_of(weighed.found, weighed.evidence, shipped())

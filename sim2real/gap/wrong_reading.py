@@ -71,10 +71,8 @@ class WrongReading:
             do += "constant) before anything is changed in the rig, and state delay and delay_tolerance of the channel"
         else:
             size = f"{100 * self.change:+.3g} +- {200 * self.se:.1g} %"
-            do = (
-                f"hold what measures the {self.channel} against a known one before anything is changed in the rig, and "
-            )
-            do += "state how well it is known as scale_tolerance of the channel"
+            do = f"hold what measures the {self.channel} against a known one before anything is changed in the rig, "
+            do += "and state how well it is known as scale_tolerance of the channel"
         return f"{said} ({size}, 95 %{apart}): {do}"
 
 
@@ -108,8 +106,11 @@ def wrong_reading(problem: Problem, calibration: Fit, found_in_rig: Fit, noise: 
         return None
     cost, reading = best
     more = cost - found_in_rig.cost
+    if more < -BETTER:
+        return replace(reading, better=True)
     whole = cost < noise and more < NEARLY * (calibration.cost - found_in_rig.cost)
-    return replace(reading, better=more < -BETTER) if more < AS_WELL or whole else None
+    # Where nothing is found in the rig, as under a tone, there is nothing that another reading would explain as well.
+    return reading if found_in_rig.hypothesis.effects and (more < AS_WELL or whole) else None
 
 
 def _sample(records: Sequence[Record | OpenRecord]) -> float:

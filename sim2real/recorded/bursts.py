@@ -44,8 +44,8 @@ class Bursts:
         at = ", ".join(f"{t:.3g}" for t in self.times[:SHOWN]) + (", .." if len(self.times) > SHOWN else "")
         return (
             f"{self.record}: the displacement differs from period to period in {len(self.times)} bursts (at {at} s; "
-            f"up to {self.power:.2g} times the power of what scatters otherwise), which neither noise nor a known "
-            "effect does: look for what acts at moments, as a loose contact, a current that fails or a knock"
+            f"up to {self.power:.2g} times the power of what scatters otherwise), which noise does not: "
+            "look for what acts at moments, as a loose contact, a current that fails or a knock"
         )
 
 
