@@ -81,7 +81,10 @@ def leftover_lines(left: Leftover) -> list[str]:
         f"{r.name} ({quantity(r.motion, None, 'm')} rms) {percent(r.share)}" + (f", {_when(r)}" if r.share else "")
         for r in left.recordings
     ]
-    lines.append(f"By recording, the largest motion first: {'; '.join(own)}.")
+    if any(r.share for r in left.recordings):
+        lines.append(f"By recording, the largest motion first: {'; '.join(own)}.")
+    elif own:
+        lines.append("Over all its lines, no recording is left with more than noise.")
     if left.profiles:
         best = max(left.profiles, key=lambda p: p.clear)
         told = ", ".join(f"{p.quantity} {percent(p.share)}" for p in left.profiles)

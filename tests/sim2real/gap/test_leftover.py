@@ -103,6 +103,11 @@ def test_periodic_records_have_sections_and_json(tmp_path):
     calibration = {"mass (relative)": {"value": 0.2, "se": None, "at_bound": False}}
     untold = replace(named, effects=(), parameters=calibration)
     assert "(no parameter moves clearly)" in leftover_lines(untold)[0]
+    # The noise of a recording may be told a little too large: no share of nothing is given.
+    assert any(line.startswith("By recording") for line in leftover_lines(named))
+    quiet = replace(named, recordings=tuple(replace(r, share=0.0) for r in named.recordings))
+    assert any("no recording is left with more than noise" in line for line in leftover_lines(quiet))
+    assert not any(line.startswith("By recording") for line in leftover_lines(quiet))
 
 
 def test_where_the_rotor_touches_down_there_is_no_force(stiffer):
