@@ -91,7 +91,8 @@ FORM, FORM_SHARE, MOST_FORM = "form of amplifier_lag", 0.2, 0.5
 # that is wrong beyond its tolerance, so its prior is wider: its standard deviation is WIDER tolerances. A change of
 # more than EXCLUDED of these begins to contradict what the rig states. Its cost grows by STEEP times the square of what
 # exceeds them, because of two effects that explain as much, at 15.3 and 14.1 tolerances, neither is much less probable.
-# More than IMPOSSIBLE of these is no explanation in a pair, in which nearly everything would seem to explain.
+# Beyond IMPOSSIBLE it grows no further (see `Hypothesis.beyond_stated`), and that is no explanation in a pair, in which
+# nearly everything would seem to explain.
 WIDER, EXCLUDED, IMPOSSIBLE, STEEP = 5.0, 3.0, 4.0, 30.0
 STRAINED = 3.0  # tolerances from which a stated parameter that moved counts as it is, whatever the form of an effect is
 NEARLY = 0.999  # share of that change at which a fit that may not go farther stands at the end
