@@ -70,6 +70,8 @@ def _of(record: Record) -> Bursts | None:
     power = np.square(apart[..., :kept]).reshape(*apart.shape[:2], -1, length).mean(axis=-1)  # (P, axes, blocks)
     # What drifts differs more in some periods than in others, and is no burst; nor are single steps of a converter.
     usual = np.maximum(np.median(power, axis=2, keepdims=True), record.nominal.reading_step**2)
+    if not usual.all():  # without noise, nothing tells what is usual
+        return None
     power = (power / usual).mean(axis=1)
     others = (power.sum(axis=0) - power) / (len(power) - 1)  # at the same moment of the other periods
     beside = maximum_filter1d(np.maximum(others, 1.0), 3, axis=1, mode="wrap")

@@ -72,3 +72,13 @@ def test_one_knock_alone_is_not_said():
     knocked = noise(0)
     knocked[700:764] += 5e-5
     assert not bursts([record(knocked)])
+
+
+@pytest.mark.filterwarnings("error")
+def test_where_nothing_scatters_nothing_is_told():
+    rig = replace(RIG, adc_bits=0)
+    periodic = np.tile(np.sin(2 * np.pi * np.arange(SAMPLES) / SAMPLES), PERIODS)
+    assert bursts([record(periodic, rig)]) == []
+    knocked = periodic.copy()
+    knocked[700:764] += 1.0
+    assert bursts([record(knocked, rig)]) == []
