@@ -92,15 +92,11 @@ def wrong_reading(problem: Problem, calibration: Fit, found_in_rig: Fit, noise: 
     shaken = any(np.any(record.driving(FORCE)) for record in records)
     if records[0].axes == 1 and records[0].nominal.controlled and shaken and scale_of(FORCE) not in stated:
         found.append(_of_force(problem, calibration))
+    late, timed = LATE * _sample(records), (CURRENT, FORCE) if shaken else (CURRENT,)
     for axis, suffix in enumerate(suffixes(records[0].axes)):
-        for kind, asked in ((CURRENT, True), (FORCE, shaken)):
-            channel = f"{kind}{suffix}"
-            if kind == CURRENT and scale_of(channel) not in stated:
-                error = ChannelError(scale_of(channel), kind, axis, scale=ANY)
-                found.append(_freed(problem, records, calibration, error, near))
-            if asked and time_of(channel) not in stated:
-                error = ChannelError(time_of(channel), kind, axis, delay=LATE * _sample(records))
-                found.append(_freed(problem, records, calibration, error, near))
+        errors = [ChannelError(scale_of(f"{CURRENT}{suffix}"), CURRENT, axis, scale=ANY)]
+        errors += [ChannelError(time_of(f"{kind}{suffix}"), kind, axis, delay=late) for kind in timed]
+        found += [_freed(problem, records, calibration, e, near) for e in errors if e.name not in stated]
     best = min(filter(None, found), key=lambda pair: pair[0], default=None)
     if best is None:
         return None
@@ -115,12 +111,7 @@ def wrong_reading(problem: Problem, calibration: Fit, found_in_rig: Fit, noise: 
 
 def _sample(records: Sequence[Record | OpenRecord]) -> float:
     """The longest time between two samples of any recording, s."""
-    rates = [
-        r.windows.sample_rate
-        if isinstance(r, OpenRecord)
-        else r.experiment.recorded_per_period * r.experiment.fundamental
-        for r in records
-    ]
+    rates = (r.windows.sample_rate if isinstance(r, OpenRecord) else r.experiment.recorded_rate for r in records)
     return 1 / min(rates)
 
 

@@ -27,7 +27,7 @@ def noise_at_peak(record: Record | OpenRecord, point: Point, tone: Tone) -> bool
     the noise there, so that about it the median is far below the noise.
     """
     e = experiment_at(record.experiment, linear(point))
-    rise = max(_rise(record, axis_experiment(e, axis), axis, tone.frequency) for axis in range(record.axes))
+    rise = max(_rise(record, e, axis, tone.frequency) for axis in range(record.axes))
     lines = record.windows.count * WIDTH if isinstance(record, OpenRecord) else record.series["displacement"].shape[1]
     chance = stats.chi2.logsf(tone.chi2 / rise, 2 * record.axes)
     return bool(rise > PEAK and chance + np.log(lines) > np.log(FALSE_ALARM))
@@ -42,19 +42,19 @@ def _rise(record: Record | OpenRecord, e: Experiment, axis: int, frequency: floa
 
     Args:
         record: The record.
-        e: Its experiment at the point, on one axis.
-        axis: That axis.
+        e: Its experiment at the point.
+        axis: On which of its axes.
         frequency: Of a tone.
     """
     if isinstance(record, OpenRecord):
         lines = frequency + np.arange(-(WIDTH // 2), WIDTH // 2 + 1) * resolution_of(record)
         at = np.array([frequency, *lines[lines > 0]])
-        r, opened = loop_response(e, at), loop_response(axis_experiment(record.experiment, axis), at)
+        r, opened = (loop_response(axis_experiment(own, axis), at) for own in (e, record.experiment))
         powers = (abs(own / opened.sensitivity) ** 2 for own in (r.sensitivity, r.receptance))
         return max(float(power[0] / power[1:].mean()) for power in powers)
     spacing = resolution_of(record) * record.count / (record.count - 1)  # without the harmonics
     lines = abs(frequency + np.arange(-NEIGHBOURS, NEIGHBOURS + 1) * spacing)  # mirrored at zero, as the median is
-    r = loop_response(e, np.array([frequency, *np.maximum(lines, spacing)]))
+    r = loop_response(axis_experiment(e, axis), np.array([frequency, *np.maximum(lines, spacing)]))
     powers = (abs(own) ** 2 for own in (r.sensitivity, r.receptance))
     return max(float(power[0] / np.median(power[1:])) for power in powers)
 

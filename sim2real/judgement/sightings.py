@@ -271,7 +271,7 @@ def seen_at(index: int, part: Part, point: Point, f: float, family: str = FOREIG
     if f == 0 or abs(f / e.fundamental - round(f / e.fundamental)) < ON_LINE:
         return []
     values = part.record.series["displacement"]
-    amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_per_period * e.fundamental)
+    amplitude, chi2 = tone_at(values, f, e.recorded_per_period, e.recorded_rate)
     size, receptance = _opened(part.record, point, f, amplitude)
     return [Sighting(index, family, 1, f, size, size / np.sqrt(chi2), receptance, chi2)]
 

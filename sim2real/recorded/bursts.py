@@ -80,9 +80,8 @@ def _of(record: Record) -> Bursts | None:
     begins = np.flatnonzero(loud & ~np.roll(loud, 1))
     if len(begins) < AGAIN:
         return None
-    rate = samples * e.fundamental
     period, block = np.divmod(begins, power.shape[1])
-    times = record.start + (period * samples + block * length) / rate
+    times = record.start + (period * samples + block * length) / e.recorded_rate
     return Bursts(record.name, tuple(times.tolist()), float(power.max()))
 
 

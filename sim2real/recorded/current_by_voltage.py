@@ -15,7 +15,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import linearise
 from maglev_env.recordings.derived import coil_current, tells_current
 from maglev_env.rig.rig import Rig, axis_rig
-from sim2real.recorded.channel_errors import ChannelError
+from sim2real.recorded.channel_errors import ChannelError, scale_of
 
 # Relative standard deviations where the rig's [tolerance] states none: of the actuator's gain, of a resistance, which
 # grows by 4 % as copper warms by 10 K, and of an inductance, which grows as the gap closes and falls with eddy
@@ -72,7 +72,7 @@ def current_by_voltage(rig: Rig, channels: Mapping[str, np.ndarray], rate: float
         slower = rig.tolerance.get("coil_inductance", INDUCTANCE)
         name = f"current{letter}"
         errors.append((
-            ChannelError(f"scale of {name}", "current", axis, scale=scale),
+            ChannelError(scale_of(name), "current", axis, scale=scale),
             ChannelError(f"induced voltage of {name}", "current", axis, coil=terms, induced=induced * gain),
             ChannelError(f"inductance behind {name}", "current", axis, coil=terms, inductance=slower),
         ))  # fmt: skip

@@ -21,7 +21,7 @@ from maglev_env.rig.rig import Rig
 from sim2real.recorded.along_motion import Motion, along_motion
 from sim2real.recorded.at_rest.static_evidence import can_rest, rests_of
 from sim2real.recorded.at_rest.weight_law import balancing, lacking_in_words
-from sim2real.recorded.channel_errors import ChannelError, channel_errors
+from sim2real.recorded.channel_errors import ChannelError, channel_errors, scale_of
 from sim2real.recorded.current_by_voltage import CurrentByVoltage, current_by_voltage, driven_by_voltage
 from sim2real.recorded.drive.blows import between_blows
 from sim2real.recorded.drive.drive import Drive, Driving, drive_of
@@ -330,7 +330,7 @@ def _untold(spec: RecordingSpec, drive: Drive, exact: bool, by_voltage: CurrentB
         if by_voltage is not None:
             found += by_voltage.errors[axis]
         elif drive.source == "current" and not (stated and stated.scale_tolerance):
-            found.append(ChannelError(f"scale of {driving}", drive.source, axis, scale=METERED))
+            found.append(ChannelError(scale_of(driving), drive.source, axis, scale=METERED))
         shaped = {} if drive.held else SHAPED if exact else STRAIGHT
         for order, size in shaped.items():
             name = f"{driving} between its samples (order {order})"

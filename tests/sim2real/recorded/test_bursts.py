@@ -17,7 +17,7 @@ SEEDS = range(40)
 
 class Experiment:
     recorded_per_period = SAMPLES
-    fundamental = RATE / SAMPLES
+    recorded_rate = RATE
 
 
 def record(series: np.ndarray, rig=RIG) -> Record:
