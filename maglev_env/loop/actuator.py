@@ -10,7 +10,7 @@ from maglev_env.loop import eddy, saturation
 from maglev_env.loop.amplifier import X2
 from maglev_env.loop.card import EffectCard, Parameter, relative
 from maglev_env.loop.exponential import faded
-from maglev_env.loop.magnets.knee import creeping_share, kept_share
+from maglev_env.loop.magnets.knee import creeping_share
 from maglev_env.loop.magnets.law import ForceLaw, SingleSidedLaw, linearise
 from maglev_env.loop.magnets.powers import exponential, logarithm
 from maglev_env.loop.magnets.rows import DECAY, EXPONENT, PER_GAP
@@ -97,20 +97,31 @@ EFFECTS: Mapping[str, EffectCard] = {
     "saturation": EffectCard(
         "actuator",
         {
-            "field": Parameter("T", 0.1, 100.0, inf, absent=inf, starts=(0.7, 1.0, 1.5, 2.2), needs=("pair",)),
+            "field": Parameter(
+                "T",
+                0.01,
+                1000.0,
+                inf,
+                absent=inf,
+                starts=(1.2, 1.8, 2.6, 4.0),
+                starts_per="field at rest",
+                needs=("pair",),
+            ),
             "sharpness": Parameter("", 1.0, 40.0, 4.0, shape=0.8),
             "current": _knee(),
             "command": _knee(),
-            "creep": Parameter("", 0.0, 0.6, 0.0, scale=1.0, shape=0.2, needs=("iron",)),
+            "creep": Parameter("", 0.0, 0.6, 0.0, scale=1.0, shape=0.2, needs=("yoke",)),
             "distance_share": Parameter("", 0.0, 1.5, 0.0, scale=1.0, shape=0.5, centre=0.5, needs=("iron",)),
         },
         # With 0 the current of the knee is the same at every distance. With 1 the flux of a single magnet saturates,
         # which goes with the root of its pull: nearer, less current makes it. Iron whose field strength is the power n
-        # of the flux never stops, it creeps; and its knee goes with the distance a little more, by n / (n - 1).
+        # of the flux never stops, it creeps; and its knee goes with the distance a little more, by n / (n - 1). That of
+        # a pair's field, in series with the gap, does so by itself (`magnets.law`).
         "the iron saturates: B of each gap becomes B / (1 + |B / B_s|^sharpness)^(1 / sharpness); with current or "
         "command, so does the current that pulls, or the command: of a pair the control current, of a single magnet "
         "all of it, with the current that carries the weight; with a creep c the exponent is (1 - c) / sharpness, so "
-        "that far beyond the knee it still grows, as the power c of what is asked for",
+        "that far beyond the knee it still grows, as the power c of what is asked for, and B_s goes with the gap to "
+        "the power c / (1 - c), as of iron in series with it",
         "current and displacement at two amplitudes",
         ("magnets",),
         form_share=0.01,
@@ -176,14 +187,10 @@ def force(values: Values, pulling: np.ndarray, displacement: np.ndarray) -> np.n
     Returns:
         Signal of the force, N.
     """
+    knees = zip(*(values.effect("saturation", key).tolist() for key in ("field", "sharpness", "creep")), strict=True)
     laws = [
-        replace(law, saturation=knee, sharpness=sharpness) if isfinite(knee) else law
-        for law, knee, sharpness in zip(
-            values.laws,
-            values.effect("saturation").tolist(),
-            values.effect("saturation", "sharpness").tolist(),
-            strict=True,
-        )
+        replace(law, saturation=field, sharpness=sharpness, creep=creep) if isfinite(field) else law
+        for law, (field, sharpness, creep) in zip(values.laws, knees, strict=True)
     ]
     gain, stiffness = _tangents(values, laws, values.effect("eccentricity"))
     stiffness = stiffness - gain * saturation.slope_by_nearness(values)
@@ -290,7 +297,7 @@ def _moved(z, toward, path, slowing):
 @piece
 def saturated_current(x, k, y, current):
     """The force-producing current of a saturating pair."""
-    return current * kept_share(abs(current) * x[k + PER_KNEE], x[k + SHARPNESS])
+    return current * creeping_share(abs(current) * x[k + PER_KNEE], x[k + SHARPNESS], x[k + FALL])
 
 
 @piece

@@ -10,8 +10,8 @@ from math import inf
 from typing import Literal
 
 Block = Literal["sensor", "controller", "amplifier", "actuator", "mechanics", "external"]
-Need = Literal["magnets", "pair", "iron", "two_axes", "coil", "support"]
-Per = Literal["", "control period", "mass / control period"]
+Need = Literal["magnets", "pair", "iron", "yoke", "two_axes", "coil", "support"]
+Per = Literal["", "control period", "mass / control period", "field at rest"]
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class Scales:
         bias: size of the bias current, A; of a pair, with that which makes the field of its permanent magnets, |k| gap
             / gain; of a single magnet that states none, that which carries the weight; infinite without magnets.
         rest: size of the current with which a single magnet carries the weight, A; 0 of a pair.
+        field: flux density in the gaps of a pair at rest, T; 1 where there is no pair.
         lacks: which needs the rig does not fulfil.
         motion: largest displacement from the mean in what is fitted, m; 0 where nothing is known of it.
     """
@@ -32,6 +33,7 @@ class Scales:
     mass: float
     bias: float = inf
     rest: float = 0.0
+    field: float = 1.0
     lacks: frozenset[Need] = frozenset()
     motion: float = 0.0
 
@@ -41,7 +43,13 @@ class Scales:
 
     def of(self, per: Per) -> float:
         """Unit, in SI, of numbers that are stated per this."""
-        return {"": 1.0, "control period": self.period, "mass / control period": self.mass / self.period}[per]
+        units: Mapping[Per, float] = {
+            "": 1.0,
+            "control period": self.period,
+            "mass / control period": self.mass / self.period,
+            "field at rest": self.field,
+        }
+        return units[per]
 
 
 SMALL_ROTOR = Scales(5e-5, 0.08012)  # 80 g at 20 kHz
@@ -62,6 +70,7 @@ class Parameter:
         starts: values at which a fit may start. Every combination of the parameters' starts is tried, and the best
             ones are refined.
         per: what bounds, scale, starts and shape are multiples of; see `on`. Empty: they are in SI.
+        starts_per: what starts alone are multiples of.
         shape: the parameter is a coordinate of the effect's form: real effects differ in it, and the default is the
             plain formula. A fit frees it only where the plain formula leaves something, with this prior standard
             deviation: of its logarithm; with a default of 0 or a scale, of the value; with an infinite default, of its
@@ -88,6 +97,7 @@ class Parameter:
     scale: float | None = None
     starts: tuple[float, ...] = ()
     per: Per = ""
+    starts_per: Per = ""
     shape: float | None = None
     centre: float | None = None
     within_bias: bool = False
@@ -111,14 +121,14 @@ class Parameter:
 
     def on(self, scales: Scales) -> "Parameter":
         """The parameter with bounds, scale and starts in SI on a rig of these scales."""
-        if not self.per:
+        if not self.per and not self.starts_per:
             return self
         unit = scales.of(self.per)
         scale = None if self.scale is None else self.scale * unit
-        starts = tuple(start * unit for start in self.starts)
+        starts = tuple(start * scales.of(self.starts_per or self.per) for start in self.starts)
         shape = None if self.shape is None else self.shape * unit
         low, high = self.range_on(scales)
-        return replace(self, low=low, high=high, scale=scale, starts=starts, shape=shape, per="")
+        return replace(self, low=low, high=high, scale=scale, starts=starts, shape=shape, per="", starts_per="")
 
     @property
     def bounds(self) -> str:

@@ -16,6 +16,7 @@ NEEDS: Mapping[Need, str] = {
     "magnets": "magnets",
     "pair": "a pair of magnets",
     "iron": "a single magnet that pulls on iron",
+    "yoke": "magnets that pull on iron",
     "two_axes": "two axes",
     "coil": "magnets and a coil_inductance",
     "support": "a support_stiffness",

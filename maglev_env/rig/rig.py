@@ -18,7 +18,7 @@ from maglev_env.loop.card import Need, Scales
 from maglev_env.loop.effect import EFFECTS, FINER, NEEDS, Effects, check_effects
 from maglev_env.loop.gains import Controllers, of_axis
 from maglev_env.loop.magnets.kinds import KINDS, MAGNETS, NO_MAGNET, check_magnet, force_law
-from maglev_env.loop.magnets.law import linearise
+from maglev_env.loop.magnets.law import field_at_rest, linearise
 from maglev_env.loop.self_sensor import SelfSensing
 from maglev_env.presented import shown_as_table
 from maglev_env.rig.excitation import axis_excitations
@@ -236,11 +236,13 @@ class Rig:
         kind = KINDS.get(self.magnet)
         rest = abs(self.bias_current or kind.balancing_bias(self)) if kind and kind.balancing_bias else 0.0
         lacks = frozenset(NEEDS) - self.capabilities
-        bias = self.bias_current or rest or inf
+        bias, field = self.bias_current or rest or inf, 1.0
         if "pair" in self.capabilities:  # what a permanent magnet does beside it counts, too
-            gain, stiffness = linearise(force_law(self.by_axis[0]))
+            law = force_law(self.by_axis[0])
+            gain, stiffness = linearise(law)
             bias = max(self.bias_current, abs(stiffness) * self.gap / gain)
-        return Scales(1 / self.control_rate, self.mass, bias, rest, lacks)
+            field = field_at_rest(law)
+        return Scales(1 / self.control_rate, self.mass, bias, rest, field, lacks)
 
     @cached_property
     def capabilities(self) -> frozenset[Need]:
@@ -249,6 +251,7 @@ class Rig:
             "magnets": self.controlled,
             "pair": self.controlled and KINDS[self.magnet].pair,
             "iron": self.controlled and not KINDS[self.magnet].pair and KINDS[self.magnet].inductance_follows_gap,
+            "yoke": self.controlled and KINDS[self.magnet].inductance_follows_gap,
             "two_axes": self.axes == 2,
             "coil": self.controlled and self.coil_inductance is not None,
             "support": self.support_stiffness > 0,

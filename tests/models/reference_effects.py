@@ -17,8 +17,8 @@ def bent_by(x, knee, sharpness, creep=0.0):
     return x / (1 + abs(x / knee) ** sharpness) ** ((1 - creep) / sharpness)
 
 
-def saturated_law(rig, knee, sharpness, gain_change, stiffness_change):
-    """f(y, i) of a pair whose B bends to B / (1 + |B / knee|^n)^(1 / n), with the calibration of the straight law."""
+def saturated_law(rig, knee, sharpness, creep, gain_change, stiffness_change):
+    """f(y, i) of a pair whose B bends to B / (1 + |B / knee|^n)^((1 - c) / n), with the straight law's calibration."""
     gap, mu_m = rig.gap, rig.recoil_permeability * MU_0
     m = rig.remanence * rig.magnet_length / mu_m if rig.magnet == "hybrid_pair" else 0.0
     r_m = rig.magnet_length * rig.pole_area / (mu_m * rig.magnet_area)
@@ -38,7 +38,7 @@ def saturated_law(rig, knee, sharpness, gain_change, stiffness_change):
     b = (rig.negative_stiffness / stiffness if rig.negative_stiffness else 1.0) * (1 + stiffness_change)
 
     def bent(x, current):
-        return bent_by(field(x, current), knee, sharpness) ** 2
+        return bent_by(field(x, current), knee * (x / gap) ** (creep / (1 - creep)), sharpness, creep) ** 2
 
     def force(y, i):
         i0 = rig.bias_current
@@ -58,8 +58,9 @@ class FullAxis(Axis):
         changes = value("actuator_gain"), value("negative_stiffness")
         self.magnets = self.straight = force_law(rig, *changes)
         if np.isfinite(value("saturation")):
-            self.magnets = saturated_law(rig, value("saturation"), value("saturation", "sharpness"), *changes)
-        self.knees = [value("saturation", key) for key in ("current", "command", "sharpness")]
+            knee = (value("saturation", key) for key in ("field", "sharpness", "creep"))
+            self.magnets = saturated_law(rig, *knee, *changes)
+        self.knees = [value("saturation", key) for key in ("current", "command", "sharpness", "creep")]
         self.power, self.unloading = value("hysteresis", "power"), value("hysteresis", "unloading")
         self.ripple = value("hysteresis", "ripple")
         self.static, self.stribeck, self.gradual = (value("friction", k) for k in ("static", "stribeck", "gradual"))
@@ -111,7 +112,7 @@ class FullAxis(Axis):
     def pulling(self, x, command):
         branches = x[self.branch : self.held]
         lagging = self.direct * self.current(x, command) + sum(map(mul, self.weights, branches))
-        return bent_by(lagging - self.strength * self.width * x[self.held], self.knees[0], self.knees[2])
+        return bent_by(lagging - self.strength * self.width * x[self.held], self.knees[0], *self.knees[2:])
 
     def uneven(self, t, current):
         rate, depth, frequency, phase, settling = self.drift
@@ -180,7 +181,7 @@ class FullAxis(Axis):
             a += (ratio if frequency else 0.0) * held_back
             on_springs.append((rv, held_back))
         slopes = [v, a]
-        source = bent_by(command, self.knees[1], self.knees[2])
+        source = bent_by(command, *self.knees[1:])
         rate = before = 0.0
         for j, time in enumerate(self.amplifier, self.first_amplifier):
             before, rate = rate, (source - x[j]) / time

@@ -92,8 +92,8 @@ MUTANTS = (
     # maglev_env: magnets, kernels, linear theory
     Mutant(
         "magnet-saturation-slope",
-        "The linearised pull of a saturating magnet bends with the wrong power.",
-        (("** n) ** (2 / n + 1) * steeper", "** n) ** (2 / n) * steeper"),),
+        "The linearised pull of a saturating magnet bends half as much.",
+        (("(1 - (1 - law.creep) * beyond) if", "(1 - 0.5 * (1 - law.creep) * beyond) if"),),
         ("test_magnetics.py", "test_linear_effects.py"),
         "saturated_law or linear",
     ),

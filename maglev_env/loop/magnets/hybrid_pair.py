@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from maglev_env.loop.magnets.circuit import magnet_circuit, pair_law
-from maglev_env.loop.magnets.knee import kept_share
+from maglev_env.loop.magnets.knee import creeping_share
 from maglev_env.loop.magnets.law import ForceLaw
 from maglev_env.loop.magnets.magnet import Magnet, MagnetKind
 from maglev_env.loop.magnets.powers import exponential, logarithm
@@ -20,6 +20,8 @@ from maglev_env.loop.magnets.rows import (
     GAP_M_SQ,
     KNEE,
     PER_GAP,
+    SLOWER,
+    WIDENS,
 )  # fmt: skip
 from maglev_lanes.elementary import root
 from maglev_lanes.pieces import piece
@@ -64,16 +66,24 @@ def shaped_pull(saturating: bool, steeper: bool, any_knee: bool) -> Callable:
     Args:
         saturating: whether each gap's B^2 becomes B^2 / sqrt(1 + (B / B_s)^4).
         steeper: whether it also falls off with another exponent of the gap.
-        any_knee: whether that knee has any sharpness.
+        any_knee: whether that knee has any sharpness and creeps.
     """
 
     @piece
-    def knee_at(x, k, square):
+    def knee_at(x, k, square, narrower):
         """What a squared field is divided by."""
         knee = x[k + KNEE]
         if any_knee:
-            return 1.0 / kept_share(root(knee) * square, x[k + BEND])
+            return 1.0 / creeping_share(root(knee) * square * narrower, x[k + BEND], x[k + SLOWER])
         return root(1.0 + knee * (square * square))
+
+    @piece
+    def narrower_knees(x, k, y):
+        """What the squared fields of the upper and the lower magnet are by their knees, beside the same at y = 0."""
+        if not any_knee:
+            return 1.0, 1.0
+        closer, power = y * x[k + PER_GAP], -x[k + WIDENS]
+        return exponential(power * logarithm(1.0 - closer)), exponential(power * logarithm(1.0 + closer))
 
     @piece
     def factors(x, k, y):
@@ -99,7 +109,9 @@ def shaped_pull(saturating: bool, steeper: bool, any_knee: bool) -> Callable:
         # The fields here are twice the physical ones, as in `pull`.
         if not saturating:
             return 0.25 * (above * s1 - below * s2 + (x[k + CALIBRATION] - 1.0) * (above * s3 - below * s4))
-        r1, r2, r3, r4 = knee_at(x, k, s1), knee_at(x, k, s2), knee_at(x, k, s3), knee_at(x, k, s4)
+        up, down = narrower_knees(x, k, y)
+        r1, r2 = knee_at(x, k, s1, up), knee_at(x, k, s2, down)
+        r3, r4 = knee_at(x, k, s3, up), knee_at(x, k, s4, down)
         # One division serves all four terms.
         first_two, last_two = r1 * r2, r3 * r4
         inverse = 0.25 / (first_two * last_two)

@@ -15,6 +15,10 @@ class ForceLaw:
     lower (x = gap + y) magnet, B = b + q (bias_current +- gain_scale i), and
     f = area [ stiffness_scale (B_u^2 - B_l^2)|_(i=0) + force_scale (the part that depends on i) ].
     With another exponent of the gap each B^2 is multiplied by ((gap + shift) / (x + shift))^exponent.
+    Iron that saturates makes B / (1 + |B / B_s|^n)^((1 - creep) / n) of each B, where B_s = saturation
+    ((x + shift) / (gap + shift))^(creep / (1 - creep)). Far beyond the knee B grows as the power creep of the current.
+    Iron whose field strength goes as B^(1 / creep), in series with a gap, does exactly this there: where most of the
+    ampere-turns drive the iron, B does not depend on the gap.
 
     Args:
         area: N/T^2; n_b A_g / (2 mu_0) for hybrid magnets, one pole face each as D counts them, and n_b A_g / mu_0 for
@@ -27,8 +31,9 @@ class ForceLaw:
         bias_current: A.
         gain_scale: calibration of the actuator gain.
         stiffness_scale: calibration of the negative stiffness.
-        saturation: T; with it each B becomes B / (1 + |B / saturation|^n)^(1 / n). Infinite: no saturation.
+        saturation: T; infinite: no saturation.
         sharpness: n.
+        creep: how the field grows beyond the knee; 0: not at all.
         exponent: what another law adds to the exponent of the gap.
         shift: what another law adds to the gap, m; magnet_gap and coil_gap include it.
         force_scale: calibration of the part that depends on the current.
@@ -45,6 +50,7 @@ class ForceLaw:
     stiffness_scale: float
     saturation: float = inf
     sharpness: float = 4.0
+    creep: float = 0.0
     exponent: float = 0.0
     shift: float = 0.0
     force_scale: float = 1.0
@@ -172,6 +178,12 @@ def _(law: SingleSidedLaw, factor: float) -> SingleSidedLaw:
     return replace(other, iron_pull=law.iron_pull * same, magnet_pull=law.magnet_pull * same)
 
 
+def field_at_rest(law: ForceLaw) -> float:
+    """Flux density (T) in both gaps of a pair at y = 0 and i = 0, without saturation."""
+    magnet, coil = law.gap + law.magnet_gap, law.gap + law.coil_gap
+    return law.magnet_flux / magnet + law.coil_flux * law.bias_current / coil
+
+
 @singledispatch
 def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
     """Actuator gain df/di (N/A) and stiffness -df/dy (N/m) of a law at a displacement (m) and i = 0.
@@ -185,10 +197,11 @@ def linearise(law: ForceLaw, displacement: float = 0.0) -> tuple[float, float]:
         b, q = law.magnet_flux / (gap + law.magnet_gap), law.coil_flux / (gap + law.coil_gap)
         field = b + q * law.bias_current
         slope = b / (gap + law.magnet_gap) + q * law.bias_current / (gap + law.coil_gap)
-        # Derivatives of the pull by the field, and by the gap through the exponent alone.
-        n = law.sharpness
-        bent = 2 * law.area * field / (1 + abs(field / law.saturation) ** n) ** (2 / n + 1) * steeper
-        apart = law.area * _saturated(field, law) * steeper * law.exponent / (gap + law.shift)
+        # Derivatives of the pull by the field, and by the gap through the exponent and the knee.
+        pull = law.area * _saturated(field, gap, law) * steeper
+        beyond = float(_beyond_knee(field, gap, law))
+        bent = 2 * pull / field * (1 - (1 - law.creep) * beyond) if field else 0.0
+        apart = pull * (law.exponent - 2 * law.creep * beyond) / (gap + law.shift)
         gain += bent * q * law.gain_scale * law.force_scale
         stiffness -= (bent * slope + apart) * law.stiffness_scale
     return gain, stiffness
@@ -225,16 +238,28 @@ def force(law: ForceLaw, displacement: np.ndarray | float, current: np.ndarray |
         driven = i * (2 * (bu * qu + bl * ql) + i * (qu * qu - ql * ql))
         return law.area * (law.stiffness_scale * (bu * bu - bl * bl) + law.force_scale * driven)
     above, below = _steeper(upper, law), _steeper(lower, law)
-    at_rest = above * _saturated(bu, law) - below * _saturated(bl, law)
-    driven = above * _saturated(bu + qu * i, law) - below * _saturated(bl - ql * i, law)
+    at_rest = above * _saturated(bu, upper, law) - below * _saturated(bl, lower, law)
+    driven = above * _saturated(bu + qu * i, upper, law) - below * _saturated(bl - ql * i, lower, law)
     return law.area * (law.stiffness_scale * at_rest + law.force_scale * (driven - at_rest))
 
 
-def _saturated(field: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
-    """The squared field (T^2) of a gap with saturation: the square of small fields, and a constant for large ones."""
-    if law.sharpness == 4:
+def _saturated(field: np.ndarray | float, gap: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
+    """The squared field (T^2) of a gap (m) with saturation: the square of small fields, and of large ones what the iron
+    lets through."""
+    if law.sharpness == 4 and not law.creep:
         return field**2 / np.sqrt(1 + (field / law.saturation) ** 4)
-    return field**2 / (1 + abs(field / law.saturation) ** law.sharpness) ** (2 / law.sharpness)
+    return field**2 / (1 + _knees(field, gap, law) ** law.sharpness) ** (2 * (1 - law.creep) / law.sharpness)
+
+
+def _beyond_knee(field: np.ndarray | float, gap: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
+    """r^n / (1 + r^n) for a field of r times that of the knee: 0 far below it, 1 far above."""
+    return 1 - 1 / (1 + _knees(field, gap, law) ** law.sharpness)
+
+
+def _knees(field: np.ndarray | float, gap: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:
+    """A field that no iron holds back, by that at which the iron in series with this gap saturates."""
+    wider = (gap + law.shift) / (law.gap + law.shift)
+    return abs(field) / (law.saturation * wider ** (law.creep / (1 - law.creep)))
 
 
 def _steeper(gap: np.ndarray | float, law: ForceLaw) -> np.ndarray | float:

@@ -15,8 +15,11 @@ from maglev_lanes.layout import LaneRows, rows_after
 GAP, GAP_C, GAP_M, GAP_C_SQ, GAP_M_SQ, FLUX_M, FLUX_C, BIAS, CALIBRATION, OFFSET, KNEE, _SHAPE = rows_after(
     0, "GAP GAP_C GAP_M GAP_C_SQ GAP_M_SQ FLUX_M FLUX_C BIAS CALIBRATION OFFSET KNEE"
 )
-# BEND: half the sharpness of the knee.
-PER_GAP, EXPONENT, WEIGHT, DECAY, BEND, END = rows_after(_SHAPE, "PER_GAP EXPONENT WEIGHT DECAY BEND")
+# BEND: half the sharpness of a pair's knee; SLOWER: exponent by which what is beyond it falls off; WIDENS: exponent of
+# the gap by which its square goes.
+PER_GAP, EXPONENT, WEIGHT, DECAY, BEND, SLOWER, WIDENS, END = rows_after(
+    _SHAPE, "PER_GAP EXPONENT WEIGHT DECAY BEND SLOWER WIDENS"
+)
 
 
 def fill(
@@ -56,7 +59,9 @@ def fill(
         iron, magnet = law("iron_pull") * at_rest * pulled, law("magnet_pull") * pulled
         x[FLUX_C] = np.where(magnet != 0, magnet, np.sqrt(iron))
     else:
+        creep = effect("saturation", "creep")
         x[BEND] = effect("saturation", "sharpness") / 2
+        x[SLOWER], x[WIDENS] = (1 - creep) / x[BEND], 2 * creep / (1 - creep)
         x[KNEE] = 1 / (4 * effect("saturation") ** 2 * law("area") * pulled) ** 2
         # Sums and differences of the two gaps' fields carry a factor two.
         root = 2 * np.sqrt(law("area") * pulled)

@@ -57,6 +57,7 @@ SHARP = {
 ALL_FORMS = {**effect("friction", 0.0, presliding=1e-9), **effect("saturation", inf), **effect("hysteresis", 0.0)}
 FORMS = {
     "a sharp knee, and the command saturates": (effect("saturation", 0.42, sharpness=10.0, command=0.15), 1e-4),
+    "iron in series with the gap": (effect("saturation", 0.35, sharpness=3.0, creep=0.25), 1e-5),
     "the current saturates": (effect("saturation", inf, sharpness=1.5, current=0.1), 1e-2),
     "Bouc-Wen": (effect("hysteresis", 0.3, width=0.05, power=1.8, unloading=0.2), 2e-2),
     "two bodies": (

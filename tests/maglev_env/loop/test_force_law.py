@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_laws import changed_law
+from scipy.optimize import brentq
 
 from maglev_env.experiment import Experiment
 from maglev_env.kernel.lanes import lane_batch, structure_of
@@ -16,7 +17,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.loop.gains import Gains
 from maglev_env.loop.magnets.energy import coenergy
 from maglev_env.loop.magnets.kinds import KINDS, force_law, geometric_law, inductance
-from maglev_env.loop.magnets.law import force, linearise, reshaped
+from maglev_env.loop.magnets.law import _saturated, force, linearise, reshaped
 from maglev_env.loop.mechanics import LIMIT_SQ
 from maglev_env.rig.rig import Rig, with_parameters
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
@@ -275,10 +276,28 @@ def test_contact_is_before_a_shorter_magnetic_gap(effects, nearest):
     assert lane_batch([e]).rows[row(LIMIT_SQ), 0] == pytest.approx((0.999 * nearest * BALL.gap) ** 2)
 
 
-@pytest.mark.parametrize("sharpness", [2.0, 3.0, 6.0])
-def test_a_knee_of_any_sharpness_has_the_slopes_of_its_force(sharpness):
-    bent = replace(force_law(load_rig("hmb_free")), saturation=0.5, sharpness=sharpness)
+@pytest.mark.parametrize(("sharpness", "creep"), [(2.0, 0.0), (3.0, 0.0), (6.0, 0.0), (3.0, 0.25)])
+def test_a_knee_of_any_sharpness_has_the_slopes_of_its_force(sharpness, creep):
+    bent = replace(force_law(load_rig("hmb_free")), saturation=0.5, sharpness=sharpness, creep=creep)
     gain, stiffness = linearise(bent)
     h = 1e-7  # m, and A: small beside gap and bias
     assert gain == pytest.approx((force(bent, 0.0, h) - force(bent, 0.0, -h)) / (2 * h), rel=1e-6)
     assert -stiffness == pytest.approx((force(bent, h, 0.0) - force(bent, -h, 0.0)) / (2 * h), rel=1e-6)
+
+
+@pytest.mark.parametrize("gap_share", [0.6, 1.0, 1.4])
+def test_a_knee_that_creeps_is_iron_in_series_with_the_gap(gap_share):
+    """The iron needs a field strength that goes as B^5. The law is solved for B by search, from .1 to 30 knees."""
+    pair = replace(load_rig("eframe"), bearings=1)
+    own, iron = force_law(pair), 0.2 * pair.gap
+    # Knee and sharpness as they fit best; beyond the knee neither plays a part.
+    bent = replace(own, saturation=1.42, sharpness=2.17, creep=0.2)
+    still = replace(bent, creep=0.0)
+    x, strays = gap_share * pair.gap, []
+    for asked in np.geomspace(0.1, 30.0, 12):  # T m per gap length at rest: half of mu_0 times the ampere-turns
+        drive = asked * pair.gap
+        field = brentq(lambda b, drive=drive: x * b + iron * b**5 - drive, 0.0, drive / x)
+        found = [_saturated(drive / x, x, law) ** 0.5 / field for law in (bent, still)]
+        assert found[0] == pytest.approx(1.0, abs=0.035)
+        strays.append(abs(found[1] - 1))
+    assert max(strays) > 0.4

@@ -30,22 +30,24 @@ def pulled(piece, law, effects, displacement, current):
 
 @pytest.mark.parametrize("name", ["hmb_free", "eframe", "hmb_free, through the magnet"])
 @pytest.mark.parametrize(
-    ("saturation", "sharpness", "exponent", "shape"),
+    ("saturation", "sharpness", "creep", "exponent", "shape"),
     [
-        (inf, 4.0, 0.0, None),
-        (0.6, 4.0, 0.0, (True, False, False)),
-        (0.6, 2.5, 0.0, (True, False, True)),
-        (inf, 4.0, 0.7, (False, True, False)),
-        (0.5, 3.0, -0.4, (True, True, True)),
+        (inf, 4.0, 0.0, 0.0, None),
+        (0.6, 4.0, 0.0, 0.0, (True, False, False)),
+        (0.6, 2.5, 0.0, 0.0, (True, False, True)),
+        (0.4, 4.0, 0.3, 0.0, (True, False, True)),
+        (inf, 4.0, 0.0, 0.7, (False, True, False)),
+        (0.5, 3.0, 0.2, -0.4, (True, True, True)),
     ],
 )
-def test_a_pairs_piece_is_its_law(name, saturation, sharpness, exponent, shape):
+def test_a_pairs_piece_is_its_law(name, saturation, sharpness, creep, exponent, shape):
     rig = axis_rig(load_rig(name.split(",")[0]), 0)
     rig = replace(rig, flux_path="magnet") if "," in name else rig
     kind = KINDS[rig.magnet]
     piece = kind.pull if shape is None else kind.shaped_pull(*shape)
-    effects = {("saturation", None): saturation, ("saturation", "sharpness"): sharpness}
-    law = replace(force_law(rig), saturation=saturation, sharpness=sharpness, exponent=exponent)
+    bend = {"sharpness": sharpness, "creep": creep}
+    effects = {("saturation", None): saturation, **{("saturation", key): value for key, value in bend.items()}}
+    law = replace(force_law(rig), saturation=saturation, exponent=exponent, **bend)
     for share in GAPS:
         for part in CURRENTS:
             y, i = share * rig.gap, part * rig.bias_current

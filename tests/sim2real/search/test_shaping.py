@@ -86,9 +86,9 @@ def test_an_interval_covers_whatever_the_form():
 def test_a_form_is_a_prior_about_the_plain_formula():
     h = replace(SATURATION, shaped=("saturation",))
     assert h.calibrated == tuple(h.shapes) and set(h.prior) == {0.0, 1.0}
-    plain = h.point(np.array([0.0, 0.0, 0.0, 0.0]))
+    plain = h.point(np.zeros(5))
     assert plain == Point({"saturation": {"field": 1.0}}, {})
-    one = h.point(h.bounded(np.array([0.0, 1.0, 0.5, -3.0]))).effects["saturation"]
+    one = h.point(h.bounded(np.array([0.0, 1.0, 0.5, -3.0, 0.0]))).effects["saturation"]
     assert one["sharpness"] == pytest.approx(4 * np.exp(0.8)) and one["current"] == pytest.approx(1.0)
     assert "command" not in one
     assert h.instead("saturation", "delay").shaped == ("saturation",) and h.instead("delay").shaped == ()
@@ -100,7 +100,7 @@ def test_a_saturation_may_also_begin_at_the_current_or_the_command():
         for h, u in starts_elsewhere(Hypothesis((), {}, scales=PAIR), "saturation", 2.0)
     ]
     assert sorted({*found[0]} | {*found[-1]}) == ["command", "current", "field", "sharpness"]
-    assert all(values["field"] == 100.0 for values in found)
+    assert [values["field"] for values in found] == pytest.approx([1000.0] * len(found))
     knees = [(values.get("current", values.get("command")), values.get("sharpness", 4.0)) for values in found]
     assert {round(knee, 6) for knee, sharp in knees if sharp == 4.0} == {
         1.4,
