@@ -26,6 +26,7 @@ from sim2real.gap.between_recordings import DELAY, between_recordings
 from sim2real.gap.leftover import leftover
 from sim2real.gap.locate import CONTROLLER_SD, Where, locate
 from sim2real.gap.shrink import shrink
+from sim2real.gap.wrong_gain import wrong_gain
 from sim2real.gap.wrong_reading import wrong_reading
 from sim2real.judgement.belief import shipped
 from sim2real.judgement.between_lines import between_lines
@@ -143,13 +144,16 @@ def diagnose(
         probable = named.effects[0].candidate if named.effects else None
         partial = best_partial(attribution, probable, unnamed_pair(attribution))
         left = leftover(attribution, judged, partial, fitted_parameters(partial), seed)
-    misread = None
+    misread = mistyped = None
     if named.verdict != "no_gap" and np.isfinite(attribution.calibration.fit.cost):
         # The candidate with the least cost stands for an unknown cause: what explains as much has a name.
         in_rig, p = picked or attribution.best, attribution.problem
         noise = most_of_noise(p.data.size)
         if misread := wrong_reading(p, attribution.calibration.fit, in_rig.fit, noise):
             notes.append(misread.in_words())
+        # A recorded command tells by itself whether the stated controller made it.
+        if where.controller is None:
+            mistyped = wrong_gain(p, attribution.calibration.fit, in_rig.fit)
     alone, free = picked or attribution.calibration, None
     if left is not None or (picked is not None and _leaves_much(picked, attribution)):
         progress("free correction")
@@ -197,6 +201,7 @@ def diagnose(
         evidence=weighed.evidence,
         late=late,
         misread=misread,
+        wrong_gain=mistyped,
         gap_of_named=gap_of_named,
         between=between_lines(fitted, weighed.seen) if named.verdict == "unexplained" else None,
         tones={

@@ -214,8 +214,8 @@ def _loud(diagnosis: Diagnosis) -> str:
 
 
 def _misread(diagnosis: Diagnosis) -> str:
-    """A channel whose scale or time would explain as much, as the end of a sentence."""
-    return "" if diagnosis.misread is None else f"; but {diagnosis.misread.briefly}"
+    """A channel or a gain of the controller that would explain as much, as the end of a sentence."""
+    return "".join(f"; but {said.briefly}" for said in (diagnosis.wrong_gain, diagnosis.misread) if said is not None)
 
 
 def tempered(diagnosis: Diagnosis) -> str:

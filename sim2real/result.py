@@ -22,6 +22,7 @@ from sim2real.free.correction import Free
 from sim2real.gap.leftover import Leftover
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, errors
+from sim2real.gap.wrong_gain import WrongGain
 from sim2real.gap.wrong_reading import WrongReading
 from sim2real.judgement.belief import LEVEL
 from sim2real.judgement.between_lines import BetweenLines
@@ -77,6 +78,7 @@ class Diagnosis:
         evidence: What the probabilities were computed from.
         late: The clear time between displacement and drive that this has taken up; None without one.
         misread: The scale or the time of a recorded channel that would explain as much; None without one.
+        wrong_gain: The gain of the stated controller that would explain more than what is found; None without one.
         gap_of_named: How far the gap shrinks with what is named alone, where the corrected rig has a free correction
             beside it; None elsewhere.
         axis: Of a rig with two axes, the one of which alone this is the diagnosis, because no known effect of both
@@ -113,6 +115,7 @@ class Diagnosis:
     evidence: Evidence | None = None
     late: Late | None = None
     misread: WrongReading | None = None
+    wrong_gain: WrongGain | None = None
     gap_of_named: Gap | None = None
     off_balance: str | None = None
     axis: str | None = None
@@ -195,6 +198,7 @@ class Diagnosis:
             "off_balance": self.off_balance,
             "bursts": [asdict(b) for b in self.bursts],
             "wrong_reading": None if self.misread is None else asdict(self.misread),
+            "wrong_gain": None if self.wrong_gain is None else asdict(self.wrong_gain),
             "tones": {name: [asdict(tone) for tone in tones] for name, tones in self.tones.items()},
             "between_lines": None if self.between is None else asdict(self.between),
             "notes": list(self.notes),

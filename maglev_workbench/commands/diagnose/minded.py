@@ -16,14 +16,15 @@ BENT = ("force_law", "cubic_spring", "soft_stop")  # forces that bend with the p
 
 
 def minded(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]] = ()) -> list[str]:
-    """Sentences on a recording that contradicts its description, a lag that may have been left out, and a force that a
-    curved reading may look like.
+    """Sentences on a controller or a recording that is not what is stated, a lag that may have been left out, and a
+    force that a curved reading may look like.
 
     Args:
         diagnosis: the diagnosis.
         warnings: of the command's JSON, on its recordings.
     """
-    return [*_not_as_stated(diagnosis, warnings), *unstated(diagnosis), *curved(diagnosis)]
+    mistyped = [] if diagnosis.wrong_gain is None else [diagnosis.wrong_gain.in_words()]
+    return [*mistyped, *_not_as_stated(diagnosis, warnings), *unstated(diagnosis), *curved(diagnosis)]
 
 
 def _not_as_stated(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]]) -> list[str]:

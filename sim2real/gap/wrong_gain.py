@@ -1,0 +1,138 @@
+"""Would another gain of the stated controller explain more than anything that is found in the rig?
+
+Where the command is recorded, it tells what the controller makes of the reading. Where it is not, a mistyped gain is in
+everything that the loop does, and looks like no effect of the rig.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_env.loop.gains import Controllers, gain_values, with_gains
+from sim2real.compared.problem import Problem
+from sim2real.gap.wrong_reading import BETTER
+from sim2real.search.fit import Fit
+from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.words import quantity
+
+LOOK = 0.01  # relative change by which a gain's effect is found
+MOST = 0.7  # relative change from which on it is no mistyped gain of this controller, either way
+TRIED = 2  # gains that promise most, which are fitted
+STEPS, ENOUGH = 6, 0.1  # towards a gain; standard errors by which it may still change
+
+
+@dataclass(frozen=True)
+class WrongGain:
+    """A gain by which the stated controller is not the one of the recordings.
+
+    Attributes:
+        gain: Its name.
+        stated: As stated, by recording.
+        factor: What is to be multiplied with.
+        se: Standard error of the factor.
+    """
+
+    gain: str
+    stated: Mapping[str, float]
+    factor: float
+    se: float
+
+    @property
+    def briefly(self) -> str:
+        """The end of a sentence on it."""
+        stated = sorted(set(self.stated.values()))
+        if len(stated) == 1:
+            value = quantity(self.factor * stated[0], 2 * self.se * stated[0], "")
+            said = f"{self.gain} = {value} (95 %) in place of {stated[0]:g}"
+        else:
+            said = f"{self.gain} times {quantity(self.factor, 2 * self.se, '')} (95 %)"
+        return f"a controller with {said} would explain more than anything in the rig"
+
+    def in_words(self) -> str:
+        """A sentence on it."""
+        return (
+            f"{self.briefly}: compare the gains with those in the controller's code, and record the command, which "
+            "tells them exactly, before anything is changed in the rig"
+        )
+
+
+def wrong_gain(problem: Problem, calibration: Fit, found_in_rig: Fit) -> WrongGain | None:
+    """The gain that explains clearly more than what is found in the rig, the same share wrong in all recordings; None
+    without one.
+
+    Args:
+        problem: The fitted recordings.
+        calibration: A fit of them by calibration alone.
+        found_in_rig: A fit of them by what is found.
+    """
+    own = {part.record.name: part.record.experiment.gains for part in problem.parts}
+    common = set.intersection(*(set(_values(gains)) for gains in own.values()))
+    steps = {name: _step(problem, calibration, name, 1.0) for name in sorted(common)}
+    promising = sorted((step[2], name) for name, step in steps.items() if step is not None)
+    best: tuple[float, WrongGain] | None = None
+    for _, name in promising[:TRIED]:
+        found = _sought(problem, calibration, name)
+        if found is not None and (best is None or found[0] < best[0]):
+            cost, factor, se = found
+            best = cost, WrongGain(name, {r: _values(gains)[name] for r, gains in own.items()}, factor, se)
+    return best[1] if best is not None and best[0] < found_in_rig.cost - BETTER else None
+
+
+def _values(gains: Controllers) -> dict[str, float]:
+    """The gains of a controller, or of both axes where they are the same, that are not zero."""
+    both = [gain_values(one) for one in (gains if isinstance(gains, tuple) else (gains,))]
+    return {name: value for name, value in both[0].items() if value and all(one.get(name) == value for one in both)}
+
+
+def _under(problem: Problem, fit: Fit, name: str, factor: float) -> Problem:
+    """The same recordings under a controller with one gain times a factor."""
+    records = []
+    for record in (part.record for part in problem.parts):
+        gains = record.experiment.gains
+        changed = with_gains(gains, **{name: factor * _values(gains)[name]})
+        records.append(replace(record, experiment=replace(record.experiment, gains=changed)))
+    return problem.again(fit.hypothesis.point(fit.u), records=records)
+
+
+def _step(problem: Problem, fit: Fit, name: str, factor: float) -> tuple[float, float, float] | None:
+    """Change of a gain's factor, its standard error and the cost, as predicted from a fit; None where the rotor touches
+    down.
+
+    Args:
+        problem: As stated.
+        fit: With its Jacobian, of the recordings under that factor.
+        name: Of the gain.
+        factor: By which it is multiplied.
+    """
+    under = _under(problem, fit, name, factor + LOOK)
+    (moved,) = begin([fit.hypothesis], [fit.u], under.data, under.simulate)
+    if not np.isfinite(moved.cost) or moved.residual.shape != fit.residual.shape:
+        return None
+    rows = np.vstack([fit.jacobian, (fit.residual - moved.residual)[None] / LOOK])
+    prior = np.append(fit.prior, 0.0)
+    normal = (rows @ rows.conj().T).real + np.diag(prior)
+    slope = (rows.conj() @ fit.residual).real - prior * np.append(fit.u, 0.0)
+    covariance = np.linalg.pinv(normal)
+    change = covariance @ slope
+    return float(change[-1]), float(covariance[-1, -1] ** 0.5), float(fit.cost - slope @ change)
+
+
+def _sought(problem: Problem, calibration: Fit, name: str) -> tuple[float, float, float] | None:
+    """Cost, factor and its standard error where calibration beside another gain fits best; None where it is none."""
+    fit, factor, se = calibration, 1.0, np.inf
+    for _ in range(STEPS):
+        step = _step(problem, fit, name, factor)
+        if step is None:
+            return None
+        change, se, _ = step
+        factor = min(max(factor + change, 1 - MOST), 1 + MOST)
+        under = _under(problem, fit, name, factor)
+        (fit,) = begin([fit.hypothesis], [fit.u], under.data, under.simulate)
+        iterate([fit], under.data, under.simulate, STEPS)
+        if not np.isfinite(fit.cost):
+            return None
+        differentiate([fit], under.data, under.simulate, True)
+        if abs(change) < ENOUGH * se:
+            break
+    return None if abs(abs(factor - 1) - MOST) < LOOK else (fit.cost, factor, se)
