@@ -22,7 +22,7 @@ DELAY = 0.3  # of a sample
 KNOWN = 0.4  # relative width of what is possible, up to which a time constant is worth stating
 NOTHING, BY_CHANCE = 0.3, 2.0  # share of the expected current, and of what chance alone makes, that are no relation
 STILL = 0.03  # of the expected power of a current, below which it does not move
-EFFECTS = ("delay", "amplifier_lag", "amplifier_voltage_limit")
+EFFECTS, LEADS = ("delay", "amplifier_lag", "amplifier_voltage_limit"), ("amplifier_lag",)
 
 
 def amplified(view: View) -> list[Row]:
@@ -30,7 +30,8 @@ def amplified(view: View) -> list[Row]:
 
     Eddy currents and all that follows act behind the current; delay and roll-off are those of `delay`, `amplifier_lag`
     and `amplifier_voltage_limit`. A dead band of the command makes the current smaller; so does a limit of the voltage,
-    which bends it too, as no scale does. No effect of the library makes the current larger, and none makes it early.
+    which bends it too, as no scale does. No effect of the library makes the current larger. Only a loop of second order
+    with a lead makes it early, by no more than the nominal amplifier's own lag.
     """
     if not _comparable(view) or (lines := _driven(view)) is None:
         return []
@@ -44,11 +45,21 @@ def amplified(view: View) -> list[Row]:
     cut: tuple[str, ...] = ()
     if found.gain[0] < 1:
         cut = ("deadband", "amplifier_voltage_limit") if found.misfit > SHAPE else ("deadband",)
+    leads = LEADS if _may_lead(view, found) else ()
     return [
         Row("amplifier", {"current": 1, "command": -1}, float(found.gain[0]), float(found.gain_se[0]), GAIN,
             "the command through the nominal amplifier", float(found.delay[0]), float(found.delay_se[0]),
-            DELAY / view.rate, found.misfit, SHAPE, cut, EFFECTS if found.delay[0] > -DELAY / view.rate else (), lag)
+            DELAY / view.rate, found.misfit, SHAPE, cut, EFFECTS if found.delay[0] > -DELAY / view.rate else leads, lag)
     ]  # fmt: skip
+
+
+def _may_lead(view: View, found: Fit) -> bool:
+    """Whether nothing but the time differs, by no more than the nominal lag, behind a controller without a loop of its
+    own about the current."""
+    if view.gains is not None and reads_current(view.gains, 1 / view.rig.control_rate):
+        return False
+    alike = found.misfit <= SHAPE and abs(np.log(np.abs(found.gain[0]))) <= GAIN
+    return bool(alike and found.delay[0] > -view.rig.amplifier_time_constant)
 
 
 def _comparable(view: View) -> bool:

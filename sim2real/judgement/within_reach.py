@@ -13,7 +13,7 @@ shows nothing but its lag in time is still one where the noise of the recordings
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from sim2real.compared.problem import Problem
 from sim2real.judgement.dispersion import NOISE_INFLATION
 from sim2real.judgement.under_noise import ripple_is_noise
 from sim2real.search.fit import LEFT_SD, Fit
+from sim2real.search.fitting import CALIBRATION_STEP, STEP, aside
 from sim2real.search.following import following
 
 
@@ -65,25 +66,50 @@ def shows_limit(problem: Problem, fit: Fit, name: str, without: float) -> bool:
         name: One of its effects that is among LIMITS.
         without: Cost of the same hypothesis without the effect, or with its rival instead.
     """
-    h, at, scaled = fit.hypothesis, fit.hypothesis.point(fit.u), LIMITS[name].scaled
     if fit.jacobian is None or not np.isfinite(without):
         return True
-    card = EFFECTS[name].parameters
-    values = {key: card[key].default for key in scaled} | at.effects[name]
-    factor = min([FAR, *(card[key].high / values[key] for key in scaled if values[key])])
-    values |= {key: min(factor * values[key], card[key].high) for key in scaled}
-    never = Point({**at.effects, name: values}, at.changes, at.dithered)
-    (linear,) = problem.simulate([never])
-    if not np.isfinite(linear).all():
+    cost = _without_limit(problem, fit, name)
+    if cost is None:
         return True
-    # All else follows, to first order, but for the coordinate that would bring the limit back.
-    names = [(c.effect, c.parameter) for c in h.coordinates]
-    free = np.array([own != (name, scaled[0]) for own in names] + [True] * len(h.calibrated))
-    cost = following(fit, free).cost(linear - (problem.data - fit.residual))
     share, count = SHOWN * (without - fit.cost), 2.0 * problem.data.size
     noise_alone = fit.cost < count + LEFT_SD * NOISE_INFLATION * np.sqrt(2.0 * count)
-    if values.get("ripple") or noise_alone:
+    ripple = fit.hypothesis.point(fit.u).effects[name].get("ripple")
+    if ripple or noise_alone:
         share = min(share, BEYOND_NOISE * max(fit.cost / count, 1.0))
     if cost - fit.cost > max(share, SURELY):
         return True
-    return bool(values.get("ripple")) and ripple_is_noise(problem, fit, name, SHOWN * (without - fit.cost))
+    return bool(ripple) and ripple_is_noise(problem, fit, name, SHOWN * (without - fit.cost))
+
+
+def _without_limit(problem: Problem, fit: Fit, name: str) -> float | None:
+    """Cost of a fit in which nothing reaches the limit of one effect, with all else following to first order; None
+    where the rotor touches down.
+
+    The effect's own parameters follow as they act there: as they act within the limit, its strength alone would bring
+    back all that the limit does.
+    """
+    h, scaled, card = fit.hypothesis, LIMITS[name].scaled, EFFECTS[name].parameters
+    known = {key: card[key].default for key in scaled}
+    sizes = known | h.point(fit.u).effects[name]
+    factor = min([FAR, *(card[key].high / sizes[key] for key in scaled if sizes[key])])
+
+    def never(u: np.ndarray) -> Point:
+        at = h.point(u)
+        values = known | at.effects[name]
+        values |= {key: min(factor * values[key], card[key].high) for key in scaled}
+        return Point({**at.effects, name: values}, at.changes, at.dithered)
+
+    names = [(c.effect, c.parameter) for c in h.coordinates]
+    names += [(h.shapes[key].effect, h.shapes[key].key) if key in h.shapes else ("", key) for key in h.calibrated]
+    own = [i for i, (effect, key) in enumerate(names) if effect == name and key != scaled[0]]
+    moved = [aside(fit, i, STEP if i < len(h.coordinates) else CALIBRATION_STEP) for i in own]
+    linear, *others = problem.simulate([never(u) for u in (fit.u, *moved)])
+    if not np.isfinite(linear).all():
+        return None
+    jacobian = fit.jacobian.copy()
+    for i, u, predicted in zip(own, moved, others, strict=True):
+        told = np.isfinite(predicted).all() and u[i] != fit.u[i]
+        jacobian[i] = (predicted - linear) / (u[i] - fit.u[i]) if told else 0.0
+    # The limit itself would come back.
+    free = np.array([each != (name, scaled[0]) for each in names])
+    return following(replace(fit, jacobian=jacobian), free).cost(linear - (problem.data - fit.residual))

@@ -16,7 +16,7 @@ from sim2real.search.fitting import begin, differentiate, iterate, share_calibra
 from sim2real.search.hypotheses import Hypothesis, coordinates_of
 from sim2real.search.joint import joint_pairs
 from sim2real.search.ringing import ringing
-from sim2real.search.screening import Start, extended, screened
+from sim2real.search.screening import Start, beside, extended, formed, screened
 from sim2real.search.singles import FIRST, ITERATIONS, begin_at
 from sim2real.search.starts import starts, starts_elsewhere
 from sim2real.search.where_it_stands import LAW, where_it_stands
@@ -145,20 +145,6 @@ def _beside_which(h: Hypothesis, alone: Mapping[str, float]) -> float:
     return min(alone[name] for name in ([name for name in h.effects if name in h.seen] or h.effects))
 
 
-def _beside(h: Hypothesis, effects: np.ndarray, seed: Fit, forms: Mapping[str, float]) -> np.ndarray:
-    """Coordinates beside a seed, with the coordinates of forms that it does not have."""
-    u, first = extended(h, effects, seed), len(h.coordinates)
-    for i, name in enumerate(h.calibrated, first):
-        if name in forms and name in h.shapes and name not in seed.hypothesis.shapes:
-            u[i] = forms[name]
-    return u
-
-
-def _formed(hypothesis: Hypothesis, u: np.ndarray) -> dict[str, float]:
-    """Coordinates of forms, and of all else that is calibrated, by name."""
-    return dict(zip(hypothesis.calibrated, u[len(hypothesis.coordinates) :].tolist(), strict=True))
-
-
 def alone_again(problem: Problem, singles: Sequence[Fit], pairs: Sequence[Fit]) -> list[Fit]:
     """Single effects fitted from their values and their forms in the best pairs.
 
@@ -204,14 +190,14 @@ def _round(
             h = seed.hypothesis.instead(first, name)
             if not other.hypothesis.coordinates:  # on this rig it has a form alone, which only a fit of it knows
                 h = replace(h, shaped=(*h.shaped, name))
-            own, formed = len(other.hypothesis.coordinates), _formed(other.hypothesis, other.u)
-            tried = [(start, formed) for start in starts(name, h.scales)]
+            own, forms_of = len(other.hypothesis.coordinates), formed(other.hypothesis, other.u)
+            tried = [(start, forms_of) for start in starts(name, h.scales)]
             if np.isfinite(other.cost):
-                tried.append((other.u[:own], formed))
+                tried.append((other.u[:own], forms_of))
             if not own:  # where it sits beside another effect need not be where it explained most alone
                 elsewhere = starts_elsewhere(seed.hypothesis, name, reached)
-                tried += [(u[:0], _formed(free, u)) for free, u in elsewhere]
-            jobs += [(seed, h, _beside(h, np.concatenate([seed.u[:n], at]), seed, forms)) for at, forms in tried]
+                tried += [(u[:0], formed(free, u)) for free, u in elsewhere]
+            jobs += [(seed, h, beside(h, np.concatenate([seed.u[:n], at]), seed, forms)) for at, forms in tried]
     drifts = PAIRS if any(DRIFTING in seed.hypothesis.effects for seed in seeds[:1]) else DRIFTS
     chosen: dict[frozenset[str], Start] = {}
     ranked = screened(problem, jobs, apart=False)

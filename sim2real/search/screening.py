@@ -1,6 +1,6 @@
 """Starting points of fits: every start of an effect beside a known fit is tested on one record, the others follow."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -41,6 +41,20 @@ def extended(hypothesis: Hypothesis, effects: np.ndarray, near: Fit) -> np.ndarr
             if TOLERANCE_EFFECTS.get(name) == c.effect and c.scale:
                 effects[i] += known[name] * hypothesis.sigma(name) / c.scale
     return np.concatenate([effects, [known.get(name, 0.0) for name in hypothesis.calibrated]])
+
+
+def beside(h: Hypothesis, effects: np.ndarray, seed: Fit, forms: Mapping[str, float]) -> np.ndarray:
+    """Coordinates beside a seed, with the coordinates of forms that it does not have."""
+    u, first = extended(h, effects, seed), len(h.coordinates)
+    for i, name in enumerate(h.calibrated, first):
+        if name in forms and name in h.shapes and name not in seed.hypothesis.shapes:
+            u[i] = forms[name]
+    return u
+
+
+def formed(hypothesis: Hypothesis, u: np.ndarray) -> dict[str, float]:
+    """Coordinates of forms, and of all else that is calibrated, by name."""
+    return dict(zip(hypothesis.calibrated, u[len(hypothesis.coordinates) :].tolist(), strict=True))
 
 
 def screened(problem: Problem, jobs: Sequence[tuple[Fit, Hypothesis, np.ndarray]], apart: bool = True) -> list[Start]:

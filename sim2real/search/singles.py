@@ -8,7 +8,7 @@ from sim2real.compared.problem import Problem
 from sim2real.compared.reached import current_reached
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate, share_calibrations
-from sim2real.search.screening import Start, extended, kept, place, screened
+from sim2real.search.screening import Start, beside, extended, formed, kept, place, screened
 from sim2real.search.starts import starts, starts_elsewhere
 
 FIRST, ITERATIONS = 3, 20  # steps of a fit from every start that is followed; further steps of the better one
@@ -41,7 +41,8 @@ def fit_singles(problem: Problem, seeds: Sequence[Fit], names: Sequence[str]) ->
             for h in map(seed.hypothesis.instead, names)
             for start in starts(h.effects[0], h.scales)
         ]
-        jobs += [(seed, h, u) for name in names for h, u in starts_elsewhere(seed.hypothesis, name, reached)]
+        elsewhere = (each for name in names for each in starts_elsewhere(seed.hypothesis, name, reached))
+        jobs += [(seed, h, beside(h, u[: len(h.coordinates)], seed, formed(h, u))) for h, u in elsewhere]
         ranked = screened(problem, jobs)
         begun = begin_at(problem, kept(ranked), ranked)
         share_calibrations(begun, seed)

@@ -18,10 +18,12 @@ LEAST_BEYOND = 0.3
 # Forms that are another effect altogether while what they stand for is strong: under ripple, iron lags in time.
 DITHERS: Mapping[str, tuple[str, ...]] = {"hysteresis": ("hysteresis.ripple",)}
 # Where fits begin in forms that no fit of the plain formula leads to, in standard deviations. A current loop with
-# integral action overshoots and hardly lags.
+# integral action overshoots and hardly lags. What hardens far more steeply than a spring behind a gap, another law of
+# the magnets makes up for: a plain stop then ends where nothing touches it.
 ANOTHER: Mapping[str, tuple[Mapping[str, float], ...]] = {
     **{name: tuple({key: at} for key in keys for at in (0.5, 1.5, 2.5)) for name, keys in DITHERS.items()},
     "amplifier_lag": ({"amplifier_lag.lead": 2.0, "amplifier_lag.feedback": 0.4},),
+    "soft_stop": ({"soft_stop.steepness": 1.0},),
 }
 
 

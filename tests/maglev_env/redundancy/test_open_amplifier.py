@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from maglev_env.loop.gains import Gains, controller_output
 from maglev_env.redundancy.amplifier import amplified, unstated_pole
@@ -110,3 +110,16 @@ def test_a_slow_rig_is_tried_within_what_a_time_constant_may_be(rate):
     wide = view(slow, command=command, current=2 * command + rng.normal(size=N))
     (row,) = amplified(replace(wide, rate=rate))
     assert row.gain == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_current_loop_with_integral_action_leads_by_less_than_the_nominal_lag():
+    """Its zero makes the current early; so does one that is read early, by more than the lag."""
+    stated = replace(PRESET, amplifier_time_constant=1.6 / RATE)
+    b, a, _ = cont2discrete(([2.4 / RATE, 1.0], [1.6 * 0.6 / RATE**2, 2.0 / RATE, 1.0]), 1 / RATE)
+    rng = np.random.default_rng(6)
+    command = lfilter([0.02], [1.0, -0.98], rng.normal(size=N))
+    current = lfilter(b.ravel(), a, command) + 1e-3 * rng.normal(size=N)
+    (row,) = amplified(view(stated, command=command, current=current))
+    assert row.delay < -0.3 / RATE and row.delay_effects == ("amplifier_lag",)
+    (row,) = amplified(view(stated, command=command, current=np.roll(current, -2)))
+    assert row.delay < -1.6 / RATE and not row.delay_effects

@@ -42,7 +42,7 @@ def test_only_a_limit_that_the_motion_reaches_is_friction(response, shown):
     assert fits[0].cost < 0.1 * nothing
     problem.simulate = lambda points: (asked.extend(points), simulate(points))[1]
     assert shows_limit(problem, fits[0], "friction", nothing) == shown
-    (never,), fitted = asked, H.point(fits[0].u).effects["friction"] | {"stribeck": 2e-3}  # the default of the card
+    (never, *_), fitted = asked, H.point(fits[0].u).effects["friction"] | {"stribeck": 2e-3}  # the default of the card
     ratios = {key: never.effects["friction"][key] / fitted[key] for key in fitted}
     assert ratios == pytest.approx(dict.fromkeys(fitted, ratios["force"])) and ratios["force"] > 10
 
