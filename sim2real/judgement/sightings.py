@@ -19,7 +19,18 @@ from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record
-from sim2real.recorded.tones import HARMONICS, HIGHEST, MAINS, NEAR, ON_LINE, SAME, families, order_of, origin
+from sim2real.recorded.tones import (
+    HARMONICS,
+    HIGHEST,
+    MAINS,
+    NEAR,
+    ON_LINE,
+    SAME,
+    families,
+    order_of,
+    origin,
+    wanders,
+)
 
 FOREIGN, LOUD = "foreign", "loud"
 TOGETHER = 1e-4  # probability that noise in all records shows as much at the rotation frequency
@@ -218,7 +229,8 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
             continue
         if name == FOREIGN and left is not None and not stands_out(left, tone.frequency):
             continue  # it was what other parameters or effects had left, as of friction after steps
-        if name == FOREIGN and left is None and _creeps(record, point, tone.frequency):
+        slow = left is None and wanders(tone, resolution)
+        if name == FOREIGN and (slow or (left is None and _creeps(record, point, tone.frequency))):
             continue
         harmonic = 1 if name == FOREIGN else order_of(tone.frequency, name, speed)
         opened, reading = tone.amplitude.get("opened"), tone.amplitude.get("displacement")

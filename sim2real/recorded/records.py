@@ -29,7 +29,7 @@ from sim2real.recorded.open_reading import open_record
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.static_load import Load, load_in_words, static_load
 from sim2real.recorded.ticks import jitters
-from sim2real.recorded.tones import ON_LINE, near_tones
+from sim2real.recorded.tones import ON_LINE, near_tones, wander_in_words
 from sim2real.recorded.unstated_controller import unstated_controller
 from sim2real.recorded.wander import without_leak, without_wander
 
@@ -228,6 +228,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
     notes = (*signals.assumed, *load_in_words(load, spec.name))
     notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
+    notes += tuple(wander_in_words(tones, e.fundamental / (whole_periods // n - dropped)))
     start = dropped / e.fundamental
     return Record(
         spec.name,

@@ -7,12 +7,14 @@ import numpy as np
 from scipy import stats
 
 from estimation.lines.line_windows import WIDTH, LineWindows
+from estimation.lines.tones import Tone
 
 MAINS = (50.0, 60.0)  # Hz
 HARMONICS = 3
 HIGHEST = 9  # harmonic of the mains or of the rotation that a tone of unknown origin may be, where that is seen
 ON_LINE = 0.1  # share of the line spacing within which a tone counts as lying on a line
 NEAR = 2e-3  # relative uncertainty of the frequencies of mains and rotation
+TURNS = 3.0  # in a recording, below which what seems a tone may be any slow wander of the reading
 SAME = 0.6  # bins of the record's resolution within which two frequencies count as one
 
 
@@ -30,6 +32,20 @@ def near_tones(frequency: np.ndarray, width: float, speed_rpm: float, further: S
     for f in (*chain.from_iterable(families(speed_rpm).values()), *further):
         near |= abs(frequency - f) < width
     return near
+
+
+def wanders(tone: Tone, resolution: float) -> bool:
+    """Whether a tone between the harmonics, of a record that tells frequencies apart by so much (Hz), may be none."""
+    return tone.frequency < TURNS * resolution
+
+
+def wander_in_words(tones: Sequence[Tone], resolution: float) -> list[str]:
+    """A note on what was taken off the displacement as a tone that may be none; nothing without it."""
+    said = (
+        "the displacement wanders slowly, which was taken off: a drift of the probe or of the temperature, or a tone "
+        f"that turns less than {TURNS:.0f} times in a recording"
+    )
+    return [said] if any(wanders(tone, resolution) for tone in tones) else []
 
 
 def origin(frequency: float, speed_rpm: float, resolution: float) -> str | None:

@@ -8,10 +8,10 @@ from campaigns import campaign
 
 from maglev_env.loop.effect import effect
 from maglev_env.rig.rig_file import load_rig
-from sim2real.compared.point import Point, settling, together
+from sim2real.compared.point import NOMINAL, Point, settling, together
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import residuals
-from sim2real.judgement.sightings import Sighting, _higher_harmonics, _mixed, _one_family, of_mains
+from sim2real.judgement.sightings import FOREIGN, Sighting, _higher_harmonics, _mixed, _one_family, of_mains, sightings
 from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import families, near_tones, origin, outstanding, overtones
@@ -203,3 +203,18 @@ def test_what_lies_a_line_of_the_drive_beside_a_clearer_tone_is_mixed_of_both():
     assert _mixed(problem, [below]) == [below]
     elsewhere = replace(below, record=1)
     assert _mixed(problem, [mains, elsewhere]) == [mains, elsewhere]
+
+
+@pytest.mark.parametrize(("turns", "seen"), [(1.5, False), (5.5, True)])
+def test_what_turns_less_than_three_times_is_a_wander_of_the_reading(tmp_path, turns, seen):
+    """The recording is a second long. It is the reading's alone, which no loop follows."""
+    folder = campaign(tmp_path / "c", names=("base", "half"))
+    for file in folder.glob("*.npz"):
+        columns = dict(np.load(file))
+        columns["displacement"] = columns["displacement"] + 2e-7 * np.sin(2 * np.pi * turns * columns["time"])
+        np.savez(file, **columns)
+    _, records = read_records(folder)
+    problem = assemble(records)
+    found = sightings(problem, NOMINAL, False)
+    assert any(s.family == FOREIGN and abs(s.frequency - turns) < 0.5 for s in found) == seen
+    assert any("wanders slowly" in note for record in records for note in record.notes) != seen
