@@ -144,6 +144,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     rig, reached = p.parts[0].record.nominal, (motion_reached(p), current_reached(p))
     cost, nameless, refused = np.full(len(candidates), inf), inf, np.full(len(candidates), inf)
     on_one_line: dict[int, float] = {}
+    told: dict[tuple[int, str], bool] = {}
     _differentiate_simulated(attribution)
     for i, c in enumerate(candidates):
         if c.possible:
@@ -162,8 +163,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
         fit = candidates[i].fit
         if fit.jacobian is None and np.isfinite(fit.cost):  # what follows, and its dispersion, need one
             differentiate([fit], p.data, p.simulate, True)
-        asked = [name for name in candidates[i].effects if name in LIMITS]
-        limited = all(shows_limit(p, fit, name, _without(attribution, int(i), name)) for name in asked)
+        limited = all(_limited(attribution, int(i), name, told) for name in candidates[i].effects if name in LIMITS)
         if not limited and len(candidates[i].effects) == 1:
             refused[i] = cost[i]
         if limited and acts_on_one_line(p, fit):
@@ -204,6 +204,23 @@ def as_good_as_others(attribution: Attribution, cost: np.ndarray, on_one_line: M
         i for i, own in on_one_line.items()
         if any(alike(effects[i], other) and cost[j] < own + NO_GAP for j, other in enumerate(effects))
     ]  # fmt: skip
+
+
+def _limited(attribution: Attribution, candidate: int, name: str, told: dict[tuple[int, str], bool]) -> bool:
+    """Whether a candidate shows the limit of one of its effects; `told` is added to.
+
+    A pair that explains no more than this effect alone shows what that does: with noise it is a long question.
+    """
+    candidates = attribution.candidates
+    alone = next((i for i, c in enumerate(candidates) if c.effects == (name,) and c.possible), candidate)
+    if candidates[alone].fit.cost < candidates[candidate].fit.cost + NO_GAP:
+        candidate = alone
+    fit, p = candidates[candidate].fit, attribution.problem
+    if (candidate, name) not in told:
+        if fit.jacobian is None and np.isfinite(fit.cost):
+            differentiate([fit], p.data, p.simulate, True)
+        told[candidate, name] = shows_limit(p, fit, name, _without(attribution, candidate, name))
+    return told[candidate, name]
 
 
 def _without(attribution: Attribution, candidate: int, name: str) -> float:

@@ -21,7 +21,7 @@ from sim2real.search.fit import Fit, above_noise
 from sim2real.search.fitting import begin, differentiate, iterate, share_calibrations
 from sim2real.search.hypotheses import Hypothesis, single_effects, usual_tolerances
 from sim2real.search.lost_beside_lag import lost_beside_lag
-from sim2real.search.pairs import alone_again, fit_pairs
+from sim2real.search.pairs import alone_again, fit_pairs, saved_by_second
 from sim2real.search.shaping import shaped
 from sim2real.search.singles import FIRST, ITERATIONS, LEAST, fit_singles
 from sim2real.search.sought_again import sought_again
@@ -88,7 +88,9 @@ def attribute(
         singles = _one_of_each(shaped(problem, calibration[0].cost, singles, SHAPED))
         progress("pairs of effects")
         pairs, singles = fit_pairs(problem, (untouched, calibration[0]), singles, pairs)
-        pairs = shaped(problem, calibration[0].cost, pairs, SHAPED_PAIRS)
+        # Of a pair it is asked what it explains beyond the best single effect: all explain most of a large gap.
+        alone = min((f.cost for f in singles), default=np.inf) + saved_by_second(problem, singles)
+        pairs = shaped(problem, min(alone, calibration[0].cost), pairs, SHAPED_PAIRS)
         pairs = [*pairs, *lost_beside_lag(problem, singles, pairs)]
         singles = _one_of_each([*singles, *alone_again(problem, singles, pairs)])
         moved = sought_again(problem, [*singles, *pairs])
@@ -144,8 +146,8 @@ def _may_blur(effects: Collection[str]) -> bool:
 def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     """The fits, with the best ones that noise may smooth fitted again with noise; the better of both is kept.
 
-    A pair whose other effect alone does as well needs nothing that noise may smooth. Where a fit leaves no more than
-    noise, only what leaves little can do as well as that.
+    A pair of which one effect alone does as well has nothing that noise may smooth, or that effect has. Where a fit
+    leaves no more than noise, only what leaves little can do as well as that.
     """
     least = min(f.cost for f in fits)
     share = BLURRED_SHARE if above_noise(least, problem.data.size) else BLURRED_TIE
@@ -153,7 +155,9 @@ def _blurred(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     alone = {frozenset(f.hypothesis.effects): f.cost for f in fits}
 
     def needed(f: Fit) -> bool:
-        return alone.get(frozenset(f.hypothesis.effects) - MAY_BE_DITHERED, np.inf) > f.cost + NO_GAP
+        own = frozenset(f.hypothesis.effects)
+        parts = {own - MAY_BE_DITHERED, *(frozenset({name}) for name in own)} - {own}
+        return min((alone.get(part, np.inf) for part in parts), default=np.inf) > f.cost + NO_GAP
 
     able = [f for f in fits if f.cost < enough and _may_blur(f.hypothesis.effects) and needed(f)]
     tried = sorted(able, key=lambda f: f.cost)[:BLURRED]
