@@ -37,7 +37,7 @@ def corrected_toml(diagnosis: Diagnosis) -> str:
             f"{'no levitation' if diagnosis.gap.before is None else f'{diagnosis.gap.before:.4g}'} before, "
             f"{diagnosis.gap.after:.4g} after."
         )
-    if diagnosis.free is not None and (diagnosis.free.gained or diagnosis.free.trend):
+    if diagnosis.free is not None and (diagnosis.corrected_freely or diagnosis.free.trend):
         head.append(diagnosis.free.sentence())
     for c in corrections(diagnosis):
         head.append(

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -160,12 +161,16 @@ def diagnose(
         free = free_correction(attribution, judged, picked or partial, picked is not None, seed)
         if free is not None and free.gained:
             alone, judged = free.candidate, free.judged
-    gap = shrink(judged, attribution, alone, judged_on, seed)
+    gap, by_partial = shrink(judged, attribution, alone, judged_on, seed), None
+    if left is not None and _fits_better(partial, alone):
+        gap_of_partial = shrink(judged, attribution, partial, judged_on, seed)
+        if (gap_of_partial.after or inf) < (gap.after or inf):
+            alone, gap, by_partial = partial, gap_of_partial, partial
     # The free correction names nothing, so that what it closes is no merit of what is named.
     beside = picked is not None and alone is not picked
     gap_of_named = shrink(judged, attribution, picked, judged_on, seed) if beside else None
     corrected = _corrected(fitted, alone, () if chosen is None else chosen.effects, weighed.seen, weighed.drift)
-    corrected = corrected if free is None else free.added_to(corrected)
+    corrected = corrected if free is None or by_partial is not None else free.added_to(corrected)
     late = late_readings(fitted, (picked or attribution.calibration).fit)
     if late is not None and late.effects & {name for cause in named.cause for name in cause.split("+")}:
         late = None  # it has a name
@@ -193,6 +198,7 @@ def diagnose(
         leftover=left,
         tempering=weighed.tempering,
         free=free,
+        by_partial=by_partial,
         loud=loud,
         bursts=tuple(in_bursts),
         unseen=tuple(name for name in EFFECTS if name in hidden),
@@ -288,6 +294,12 @@ def _of_any_form(attribution: Attribution, named: Sequence[int | None]) -> Attri
 def _leaves_much(picked: Candidate, attribution: Attribution) -> bool:
     """Whether what is named leaves much of the gap that calibration leaves; inf where calibration touches down."""
     return picked.fit.excess > FREE_FROM * attribution.calibration.fit.excess
+
+
+def _fits_better(partial: Candidate, other: Candidate) -> bool:
+    """Whether a partial explanation by effects simulates what was fitted better, with its freedom counted."""
+    own, theirs = partial.fit, other.fit
+    return bool(partial.effects) and own.cost + own.occam < theirs.cost + theirs.occam
 
 
 def _where(fitted: Problem, attribution: Attribution, tones: float) -> Where:

@@ -69,7 +69,9 @@ def corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
         effects = (CALIBRATION,)
     listed = diagnosis.to_json()["which"]
     fitted = next((row["parameters"] for row in listed if tuple(row["effects"]) == effects), {})
-    if diagnosis.free is not None and diagnosis.free.gained:  # the rig is that of the fit with the correction
+    if diagnosis.by_partial is not None:
+        fitted = fitted_parameters(diagnosis.by_partial)
+    elif diagnosis.free is not None and diagnosis.corrected_freely:  # the rig is that of the fit with the correction
         fitted = fitted_parameters(diagnosis.free.candidate)
     found = []
     for name, values in diagnosis.corrected.effects.items():

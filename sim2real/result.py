@@ -68,6 +68,8 @@ class Diagnosis:
         tempering: Reduced chi-square that the best explanation leaves, by which differences of evidence were divided;
             1 where it leaves no more than noise.
         free: What a free correction of a block adds where no effect explains the gap, or what is named leaves much.
+        by_partial: The best partial explanation, where the corrected rig has it because it simulates the recordings
+            better than calibration alone, or a free correction; None elsewhere.
         unseen: Effects that do not show in any recording: they act before the current that drives it, or in a mean that
             is no evidence of the weight, or look like the time between two readings that nobody states.
         likely: The hypotheses among which the truth is, by the fitted recordings alone, in 90 % of campaigns like those
@@ -109,6 +111,7 @@ class Diagnosis:
     leftover: Leftover | None = None
     tempering: float = 1.0
     free: Free | None = None
+    by_partial: Candidate | None = None
     unseen: tuple[str, ...] = ()
     likely: tuple[Entry, ...] = ()
     rareness: tuple[float, int] | None = None
@@ -137,6 +140,18 @@ class Diagnosis:
         if self.campaign.rig is None:
             raise ValueError(f"{self.campaign.folder}: the campaign names no rig, so nothing can be corrected")
         return self.campaign.rig
+
+    @property
+    def corrected_by(self) -> str:
+        """What the corrected rig has beside calibration."""
+        if self.by_partial is not None:
+            return "partial explanation"
+        return "free correction" if self.corrected_freely else "what is named" if self.cause else "calibration"
+
+    @property
+    def corrected_freely(self) -> bool:
+        """Whether the corrected rig has the free correction."""
+        return self.free is not None and self.free.gained and self.by_partial is None
 
     @property
     def closing(self) -> Gap:
@@ -190,7 +205,7 @@ class Diagnosis:
                 "foils": dict(g.foils),
             },
             "corrected": {"effects": {n: dict(v) for n, v in self.corrected.effects.items()},
-                          "changes": dict(self.corrected.changes)},
+                          "changes": dict(self.corrected.changes), "by": self.corrected_by},
             "free": None if self.free is None else self.free.to_json(),
             "unexplained": None if self.leftover is None else self.leftover.to_json(),
             "tempering": self.tempering,

@@ -73,6 +73,22 @@ def test_the_share_of_what_is_named_is_told_apart_from_that_of_a_free_correction
     assert told["corrected_closed_fraction"] == found.gap.closed_fraction
 
 
+def test_the_corrected_rig_has_the_partial_explanation_where_a_free_correction_simulates_worse(tmp_path, monkeypatch):
+    """The free correction stands in for one: calibration, which closes much less than the delay."""
+
+    def gained(attribution, judged, partial, named, seed):
+        return Free((), "calibration", (), attribution.calibration, judged, True, 0.5, (0.4, 0.6))
+
+    monkeypatch.setattr(diagnosis, "free_correction", gained)
+    found = answer(
+        campaign(tmp_path / "c", effects=DELAY | effect("friction", 0.05, velocity=1e-3)), "delay", "sensor_lag"
+    )
+    assert found.verdict == "unexplained" and not found.corrected_freely
+    assert found.by_partial is not None and found.corrected.effects.keys() == {*found.by_partial.effects}
+    assert found.gap.after < found.gap.calibrated
+    assert found.to_json()["corrected"]["by"] == "partial explanation"
+
+
 def test_its_json_holds_what_is_promised(delayed):
     data = delayed[1].to_json()
     assert data["schema"] == "maglev-diagnosis/1" and data["seconds"] > 0

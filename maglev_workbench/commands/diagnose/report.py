@@ -120,8 +120,9 @@ def _calibrated(diagnosis: Diagnosis, found: Sequence[Correction]) -> str:
     if diagnosis.verdict in ("explained", "ambiguous"):
         return "Calibration beside it"
     if diagnosis.verdict == "unexplained":
-        beside = diagnosis.free is not None and diagnosis.free.gained
-        return "Fitted beside the free correction" if beside else "Calibration, as far as it goes"
+        if diagnosis.by_partial is not None:
+            return "Fitted beside the best partial explanation"
+        return "Fitted beside the free correction" if diagnosis.corrected_freely else "Calibration, as far as it goes"
     stated = diagnosis.rig.tolerance
     far = any(abs(c.value) > WITHIN * stated[c.name] for c in found if c.name in stated)
     return "Calibration" if far else "Within tolerance"
@@ -229,7 +230,9 @@ def _gap_rows(d: Diagnosis) -> list[tuple[str, float | None]]:
 def _gap_lines(d: Diagnosis) -> list[str]:
     g = d.gap
     before, after = ("does not levitate" if v is None else number(v) for v in (g.before, g.after))
-    corrected = " with the free correction" if d.free is not None and d.free.gained else ""
+    corrected = " with the free correction" if d.corrected_freely else ""
+    if d.by_partial is not None:
+        corrected = " with the best partial explanation"
     sizes = f"{before} before, {after} after{corrected} (floor {g.floor:g})"
     lines = [f"Gap on the {g.judged_on}, in units of the noise: {sizes}."]
     if g.closed_fraction is not None:

@@ -115,7 +115,7 @@ def test_a_slow_rig_is_tried_within_what_a_time_constant_may_be(rate):
 def test_a_current_loop_with_integral_action_leads_by_less_than_the_nominal_lag():
     """Its zero makes the current early; so does one that is read early, by more than the lag."""
     stated = replace(PRESET, amplifier_time_constant=1.6 / RATE)
-    b, a, _ = cont2discrete(([2.4 / RATE, 1.0], [1.6 * 0.6 / RATE**2, 2.0 / RATE, 1.0]), 1 / RATE)
+    b, a, _ = cont2discrete(([1.8 / RATE, 1.0], [0.8 / RATE**2, 2.1 / RATE, 1.0]), 1 / RATE)
     rng = np.random.default_rng(6)
     command = lfilter([0.02], [1.0, -0.98], rng.normal(size=N))
     current = lfilter(b.ravel(), a, command) + 1e-3 * rng.normal(size=N)
