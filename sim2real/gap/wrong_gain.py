@@ -18,7 +18,7 @@ from sim2real.words import quantity
 
 LOOK = 0.01  # relative change by which a gain's effect is found
 MOST = 0.7  # relative change from which on it is no mistyped gain of this controller, either way
-TRIED = 2  # gains that promise most, which are fitted
+TRIED, PROMISED = 2, 0.2  # gains that promise most, which are fitted, and share of the gap that they must promise
 STEPS, ENOUGH = 6, 0.1  # towards a gain; standard errors by which it may still change
 
 
@@ -69,7 +69,8 @@ def wrong_gain(problem: Problem, calibration: Fit, found_in_rig: Fit) -> WrongGa
     own = {part.record.name: part.record.experiment.gains for part in problem.parts}
     common = set.intersection(*(set(_values(gains)) for gains in own.values()))
     steps = {name: _step(problem, calibration, name, 1.0) for name in sorted(common)}
-    promising = sorted((step[2], name) for name, step in steps.items() if step is not None)
+    enough = calibration.cost - max(BETTER, PROMISED * calibration.excess)
+    promising = sorted((step[2], name) for name, step in steps.items() if step is not None and step[2] < enough)
     best: tuple[float, WrongGain] | None = None
     for _, name in promising[:TRIED]:
         found = _sought(problem, calibration, name)
@@ -85,12 +86,15 @@ def _values(gains: Controllers) -> dict[str, float]:
     return {name: value for name, value in both[0].items() if value and all(one.get(name) == value for one in both)}
 
 
-def _under(problem: Problem, fit: Fit, name: str, factor: float) -> Problem:
-    """The same recordings under a controller with one gain times a factor."""
+def _under(problem: Problem, fit: Fit, name: str, factor: float) -> Problem | None:
+    """The same recordings under a controller with one gain times a factor; None where it cannot be that large."""
     records = []
     for record in (part.record for part in problem.parts):
         gains = record.experiment.gains
-        changed = with_gains(gains, **{name: factor * _values(gains)[name]})
+        try:
+            changed = with_gains(gains, **{name: factor * _values(gains)[name]})
+        except ValueError:
+            return None
         records.append(replace(record, experiment=replace(record.experiment, gains=changed)))
     return problem.again(fit.hypothesis.point(fit.u), records=records)
 
@@ -105,7 +109,8 @@ def _step(problem: Problem, fit: Fit, name: str, factor: float) -> tuple[float, 
         name: Of the gain.
         factor: By which it is multiplied.
     """
-    under = _under(problem, fit, name, factor + LOOK)
+    if (under := _under(problem, fit, name, factor + LOOK)) is None:
+        return None
     (moved,) = begin([fit.hypothesis], [fit.u], under.data, under.simulate)
     if not np.isfinite(moved.cost) or moved.residual.shape != fit.residual.shape:
         return None
@@ -127,7 +132,8 @@ def _sought(problem: Problem, calibration: Fit, name: str) -> tuple[float, float
             return None
         change, se, _ = step
         factor = min(max(factor + change, 1 - MOST), 1 + MOST)
-        under = _under(problem, fit, name, factor)
+        if (under := _under(problem, fit, name, factor)) is None:
+            return None
         (fit,) = begin([fit.hypothesis], [fit.u], under.data, under.simulate)
         iterate([fit], under.data, under.simulate, STEPS)
         if not np.isfinite(fit.cost):
