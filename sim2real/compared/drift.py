@@ -74,7 +74,7 @@ def drift_of(problem: Problem, point: Point) -> Drift | None:
     rows = [row for part in problem.parts if (row := _slope(part, point))]
     if not rows:
         return None
-    rate, sd, beyond, scatter = (np.array(column) for column in zip(*rows, strict=True))
+    rate, sd, beyond, scatter, freedom = (np.array(column) for column in zip(*rows, strict=True))
     chi2 = float(((rate / sd) ** 2).sum())
     mean = float((rate / sd**2).sum() / (1 / sd**2).sum())
     for _ in range(ROUNDS):  # a weight that grew less with each rate of its own would pull the mean to the least
@@ -84,7 +84,8 @@ def drift_of(problem: Problem, point: Point) -> Drift | None:
     other = beyond - (rate / sd) ** 2  # trends in other directions, beyond what noise makes
     surely = (other > CLEARLY * scatter) & (other > OTHER * beyond)
     left += float(other[surely].sum())
-    shown = bool(stats.chi2.sf(chi2, len(rate)) <= FALSE_ALARM)
+    # The noise is told from few periods and lines, which makes large values less rare.
+    shown = bool(stats.f.sf(chi2 / len(rate), len(rate), freedom.sum()) <= FALSE_ALARM)
     return Drift(mean, float(weight.sum() ** -0.5), chi2 + float(other[surely].sum()), left, shown)
 
 
@@ -117,9 +118,9 @@ def _middle(record: Record | OpenRecord) -> float:
     return middle(record)
 
 
-def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None:
+def _slope(part: Part, point: Point) -> tuple[float, float, float, float, float] | None:
     """Relative change of the gain per second in one recording and its standard deviation, the chi-square of all trends
-    beyond its expectation, and its scatter; None where nothing can be said."""
+    beyond its expectation, its scatter, and the degrees of freedom of the noise; None where nothing can be said."""
     record = part.record
     if isinstance(record, OpenRecord) or record.count < LEAST or not record.nominal.controlled:
         return None
@@ -128,7 +129,8 @@ def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None
     turned = _by_gain(part, point)
     if not np.isfinite(turned).all() or not turned.any():
         return None
-    slopes, variance = trends(record, part, 0 if may_ring else ringing)
+    first = 0 if may_ring else ringing
+    slopes, variance = trends(record, part, first)
     turned, slopes, variance = (v[..., part.used] for v in (turned, slopes, variance))
     precision = float((abs(turned) ** 2 / variance).sum())
     change = float((turned.conj() * slopes / variance).real.sum() / precision)  # relative, in a period
@@ -137,7 +139,8 @@ def _slope(part: Part, point: Point) -> tuple[float, float, float, float] | None
     if may_ring and (chi2 < CLEARLY * scatter or along < (1 - OTHER) * chi2):
         return None
     per_second = record.experiment.fundamental
-    return change * per_second, per_second / float(np.sqrt(2 * precision)), chi2, scatter
+    freedom = 2.0 * (record.count - first - 2) * slopes.size  # of a complex line about a straight line
+    return change * per_second, per_second / float(np.sqrt(2 * precision)), chi2, scatter, freedom
 
 
 def _ringing(record: Record, point: Point) -> int:

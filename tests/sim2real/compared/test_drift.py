@@ -101,7 +101,7 @@ def test_noise_hardly_ever_seems_to_wander():
 def test_rates_of_recordings_are_weighed_by_their_variances(monkeypatch):
     """And by a share of the rate that a drift which is not steady may be off by, in each."""
     rates, sds = np.array([0.10, 0.13, 0.08]), np.array([0.002, 0.02, 0.01])
-    rows = [(rate, sd, (rate / sd) ** 2, 1.0) for rate, sd in zip(rates, sds, strict=True)]
+    rows = [(rate, sd, (rate / sd) ** 2, 1.0, 400.0) for rate, sd in zip(rates, sds, strict=True)]
     monkeypatch.setattr(drift_module, "_slope", lambda part, point: rows[part])
     found = drift_of(SimpleNamespace(parts=range(3)), NOMINAL)
     variances = sds**2 + (FORM * found.rate) ** 2
@@ -118,12 +118,23 @@ def test_what_warms_up_is_one_drift_in_recordings_that_begin_at_different_times(
     assert rates[0] / rates[1] > 1.3
 
     def found(*rates):
-        rows = [(rate, 0.03 * abs(rate), 1e3, 40.0) for rate in rates]
+        rows = [(rate, 0.03 * abs(rate), 1e3, 40.0, 400.0) for rate in rates]
         monkeypatch.setattr(drift_module, "_slope", lambda part, point: rows[part])
         return drift_of(SimpleNamespace(parts=range(len(rows))), NOMINAL)
 
     assert found(*rates).shown and found(*rates).left < 2.0
     assert found(rates[0], -rates[1]).left > 20.0  # one recording cools where the other warms up
+
+
+def test_noise_that_is_told_from_few_lines_makes_large_trends_less_rare(monkeypatch):
+    """By simulation: ratios of one normal number and the root mean square of others."""
+    rng, few = np.random.default_rng(8), 12
+    drawn = rng.standard_normal((200_000, few + 1))
+    ratio = np.sort(drawn[:, 0] ** 2 / (drawn[:, 1:] ** 2).mean(axis=1))
+    rate, most = float(ratio[-20]) ** 0.5, 0.1  # at the probability of FALSE_ALARM
+    for freedom, size, shown in ((few, 1.2, True), (few, 0.8, False), (1e6, 0.8, True)):
+        monkeypatch.setattr(drift_module, "_slope", lambda *_, a=rate * size * most, d=freedom: (a, most, 1.0, 1.0, d))
+        assert drift_of(SimpleNamespace(parts=range(1)), NOMINAL).shown == shown
 
 
 @pytest.mark.slow
@@ -234,7 +245,7 @@ def test_trends_of_noise_scatter_as_they_are_said_to(tmp_path, monkeypatch):
         drawn = rng.standard_normal(slopes.shape) + 1j * rng.standard_normal(slopes.shape)
         monkeypatch.setattr(drift_module, "trends", lambda *_, drawn=drawn: (drawn * np.sqrt(variance), variance))
         found.append(_slope(part, NOMINAL))
-    rate, error, beyond, scatter = np.array(found).T
+    rate, error, beyond, scatter, _ = np.array(found).T
     assert beyond.std() / 2 == pytest.approx(scatter[0], rel=0.2)
     assert rate.std() / 2**0.5 == pytest.approx(error[0], rel=0.12)
 
