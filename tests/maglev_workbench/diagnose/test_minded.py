@@ -16,7 +16,7 @@ def diagnosis(cause, pole=0.0, tolerance=(), effects=("amplifier_lag",)):
     stated = dict.fromkeys(tolerance, 0.0)
     rig = SimpleNamespace(amplifier_time_constant=pole, sensor_time_constant=0.0, tolerance=stated, effects={})
     corrected = SimpleNamespace(effects=values)
-    return SimpleNamespace(cause=cause, corrected=corrected, rig=rig, verdict="explained", notes=())
+    return SimpleNamespace(cause=cause, corrected=corrected, rig=rig, verdict="explained", notes=(), wrong_gain=None)
 
 
 def test_a_sentence_begins_with_a_capital_and_the_name_of_an_effect_as_it_is():
@@ -128,5 +128,6 @@ def test_a_corrected_rig_that_is_worse_is_not_to_be_used():
     corrected = SimpleNamespace(effects={}, changes={"mass": 0.1})
     for after, told in ((8.11, True), (7.0, False)):
         gap = Gap(7.48, None, after, 1.0, None, None, "holdout", {}, {})
-        (line,) = _gap_lines(SimpleNamespace(gap=gap, free=None, corrected=corrected, choice=None))
+        found = SimpleNamespace(gap=gap, corrected_freely=False, by_partial=None, corrected=corrected, choice=None)
+        (line,) = _gap_lines(found)
         assert ("do not use it" in line) == told
