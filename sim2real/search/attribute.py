@@ -63,12 +63,14 @@ def attribute(
     scales = replace(rig.scales, motion=motion_reached(problem))
     both = Hypothesis((), tolerances(rig), scales=scales, usual=usual_tolerances(rig), own=rig.effects, seen=seen)
     if earlier is not None:
-        both = replace(both, tolerances=earlier.calibration.fit.hypothesis.tolerances)
+        known = earlier.calibration.fit.hypothesis
+        both = replace(both, tolerances=known.tolerances, derived=known.derived)
     untouched, *calibration = _calibrated(problem, both)
     # What is tried only where it tells something: each further tolerance takes time in every fit.
-    for further in (apart_tolerances(rig), form_tolerances(problem.nuisances, rig)):
+    of_form = form_tolerances(problem.nuisances, rig)
+    for further, derived in ((apart_tolerances(rig), frozenset()), (of_form, frozenset(of_form))):
         base = calibration[0].hypothesis
-        wider = replace(base, tolerances=base.tolerances | further)
+        wider = replace(base, tolerances=base.tolerances | further, derived=base.derived | derived)
         if wider != base and (found := _calibrated(problem, wider))[-1].cost < calibration[0].cost - NO_GAP:
             untouched, *calibration = found
     nominal = untouched.cost

@@ -123,6 +123,7 @@ class Hypothesis:
         own: Effects that the nominal rig has of its own. One that is fitted stands in its place; its change of a
             nominal parameter begins at the own value, which is where a stated tolerance is centred.
         seen: Effects that recordings show apart from any simulation, each with the range of its size.
+        derived: Those of the tolerances that the rig does not state, but follow from others.
     """
 
     effects: tuple[str, ...]
@@ -135,6 +136,7 @@ class Hypothesis:
     given: Mapping[str, Mapping[str, float]] = field(default_factory=dict, kw_only=True)
     own: Effects = field(default_factory=dict, kw_only=True)
     seen: Mapping[str, tuple[float, float]] = field(default_factory=dict, kw_only=True)
+    derived: frozenset[str] = field(default=frozenset(), kw_only=True)
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -234,10 +236,13 @@ class Hypothesis:
         return [(c.effect, abs(c.value(v) - c.centre) / sd) for c, v, sd in at if sd]
 
     def strained(self, u: np.ndarray) -> dict[str, float]:
-        """Stated parameters that moved by more than STRAINED tolerances, each with the cost of that."""
-        first = len(self.coordinates)
+        """Stated parameters that moved by more than STRAINED tolerances, each with the cost of that.
+
+        What follows from other tolerances is none: iron that saturates leaves less of the bias than its current says.
+        """
+        first, stated = len(self.coordinates), self.tolerances.keys() - self.derived
         moved = zip(self.calibrated, (self.prior * np.square(u))[first:], strict=True)
-        return {name: float(cost) for name, cost in moved if name in self.tolerances and cost > STRAINED**2}
+        return {name: float(cost) for name, cost in moved if name in stated and cost > STRAINED**2}
 
     def point(self, u: np.ndarray) -> Point:
         """The point at coordinates u (size,): effects first, then changes in units of their tolerance."""

@@ -189,3 +189,11 @@ def test_beside_another_effect_a_stated_parameter_stays_within_what_the_rig_stat
 def test_a_stated_parameter_that_moved_far_beside_an_effect_is_told():
     h = Hypothesis(("damping",), {"mass": 0.002, "probe_gain": 0.01})
     assert h.strained(np.array([1.0, 2.9, -3.1])) == {"probe_gain": pytest.approx(9.61)}
+
+
+@pytest.mark.parametrize(("derived", "strains"), [(frozenset(), True), (frozenset({"bias_current"}), False)])
+def test_what_follows_from_other_tolerances_contradicts_no_statement(derived, strains):
+    h = Hypothesis(("delay",), {"mass": 0.01, "bias_current": 0.02}, derived=derived)
+    u = np.array([0.0, *(6.0 if name == "bias_current" else 0.0 for name in h.calibrated)])
+    assert ("bias_current" in h.strained(u)) == strains
+    assert h.prior[1 + h.calibrated.index("bias_current")] == 1.0  # its prior stays
