@@ -12,6 +12,7 @@ from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin, iterate
 from sim2real.search.hypotheses import Hypothesis
 
+PART = 0.05  # share of what calibration leaves beyond noise that a partial explanation must save
 NO_GAP = 12.0  # if no single effect lowers the cost of calibration by more than this, no pair is tried
 ABOUT = 30.0  # cost above the best within which a candidate of fewer effects is preferred
 FREE = 20.0  # factor on the tolerances that makes them as good as no prior, for a refit of all parameters
@@ -144,5 +145,7 @@ def best_partial(attribution: Attribution, probable: int | None, unnamed: Candid
     # An effect beside it that explains next to nothing is no part of it.
     alone = [c for c in attribution.candidates if c.effects and {*c.effects} < {*best.effects}]
     best = min((c for c in alone if c.predictive < best.predictive + ABOUT), key=lambda c: c.predictive, default=best)
-    best = best if best.predictive < attribution.calibration.predictive - NO_GAP else attribution.calibration
+    # Nor is what saves little of what calibration leaves, however clearly: it takes up a bit of something else.
+    least = max(NO_GAP, PART * attribution.calibration.fit.excess)
+    best = best if best.predictive < attribution.calibration.predictive - least else attribution.calibration
     return best if unnamed is None or unnamed.fit.excess > 0.5 * best.fit.excess else unnamed
