@@ -11,9 +11,10 @@ import numpy as np
 
 from maglev_env.loop.gains import Controllers, gain_values, with_gains
 from sim2real.compared.problem import Problem
-from sim2real.gap.wrong_reading import BETTER
+from sim2real.gap.wrong_reading import BETTER, fitted
 from sim2real.search.fit import Fit
-from sim2real.search.fitting import begin, differentiate, iterate
+from sim2real.search.fitting import begin
+from sim2real.search.following import Following
 from sim2real.words import quantity
 
 LOOK = 0.01  # relative change by which a gain's effect is found
@@ -73,7 +74,7 @@ def wrong_gain(problem: Problem, calibration: Fit, found_in_rig: Fit) -> WrongGa
     promising = sorted((step[2], name) for name, step in steps.items() if step is not None and step[2] < enough)
     best: tuple[float, WrongGain] | None = None
     for _, name in promising[:TRIED]:
-        found = _sought(problem, calibration, name)
+        found = _sought(problem, calibration, name, steps[name])
         if found is not None and (best is None or found[0] < best[0]):
             cost, factor, se = found
             best = cost, WrongGain(name, {r: _values(gains)[name] for r, gains in own.items()}, factor, se)
@@ -114,31 +115,28 @@ def _step(problem: Problem, fit: Fit, name: str, factor: float) -> tuple[float, 
     (moved,) = begin([fit.hypothesis], [fit.u], under.data, under.simulate)
     if not np.isfinite(moved.cost) or moved.residual.shape != fit.residual.shape:
         return None
-    rows = np.vstack([fit.jacobian, (fit.residual - moved.residual)[None] / LOOK])
-    prior = np.append(fit.prior, 0.0)
-    normal = (rows @ rows.conj().T).real + np.diag(prior)
-    slope = (rows.conj() @ fit.residual).real - prior * np.append(fit.u, 0.0)
-    covariance = np.linalg.pinv(normal)
-    change = covariance @ slope
-    return float(change[-1]), float(covariance[-1, -1] ** 0.5), float(fit.cost - slope @ change)
+    slope = (fit.residual - moved.residual)[None] / LOOK
+    beside = Following(np.vstack([fit.jacobian, slope]), np.append(fit.prior, 0.0), np.append(fit.u, 0.0), fit.residual)
+    return float(beside.step()[-1]), float(beside.solve[-1, -1] ** 0.5), fit.cost - beside.promised
 
 
-def _sought(problem: Problem, calibration: Fit, name: str) -> tuple[float, float, float] | None:
-    """Cost, factor and its standard error where calibration beside another gain fits best; None where it is none."""
-    fit, factor, se = calibration, 1.0, np.inf
+def _sought(
+    problem: Problem, calibration: Fit, name: str, first: tuple[float, float, float]
+) -> tuple[float, float, float] | None:
+    """Cost, factor and its standard error where calibration beside another gain fits best, from the first step towards
+    it on; None where it is none."""
+    factor, se, step = 1.0, np.inf, first
+    fit: Fit | None = calibration
     for _ in range(STEPS):
-        step = _step(problem, fit, name, factor)
         if step is None:
             return None
         change, se, _ = step
         factor = min(max(factor + change, 1 - MOST), 1 + MOST)
         if (under := _under(problem, fit, name, factor)) is None:
             return None
-        (fit,) = begin([fit.hypothesis], [fit.u], under.data, under.simulate)
-        iterate([fit], under.data, under.simulate, STEPS)
-        if not np.isfinite(fit.cost):
+        if (fit := fitted(under, fit.hypothesis, fit.u)) is None:
             return None
-        differentiate([fit], under.data, under.simulate, True)
         if abs(change) < ENOUGH * se:
             break
+        step = _step(problem, fit, name, factor)
     return None if abs(abs(factor - 1) - MOST) < LOOK else (fit.cost, factor, se)

@@ -124,7 +124,7 @@ def _of_force(problem: Problem, calibration: Fit) -> tuple[float, WrongReading] 
     h = calibration.hypothesis.instead(*GAINS)
     known = dict(zip(calibration.hypothesis.calibrated, calibration.u, strict=True))
     start = np.array([0.0] * len(h.coordinates) + [known[name] for name in h.calibrated])
-    if (fit := _fitted(problem, h, start)) is None:
+    if (fit := fitted(problem, h, start)) is None:
         return None
     own, scales = h.point(fit.u).effects, np.array([c.scale for c in h.coordinates])
     logs = np.log1p([own[c.effect]["change"] for c in h.coordinates])
@@ -150,7 +150,7 @@ def _freed(
     freed = problem.again(near, records=own)
     if error.name not in freed.nuisances.names:
         return None
-    if (fit := _fitted(freed, calibration.hypothesis, calibration.u)) is None:
+    if (fit := fitted(freed, calibration.hypothesis, calibration.u)) is None:
         return None
     amount = freed.nuisances.amounts(fit.residual)[error.name]
     rows = np.array([freed.nuisances.amounts(row)[error.name] for row in fit.jacobian])
@@ -164,7 +164,7 @@ def _freed(
     return fit.cost, WrongReading(channel, False, 1 / (1 + error.scale * amount) - 1, error.scale * se)
 
 
-def _fitted(problem: Problem, hypothesis: Hypothesis, start: np.ndarray) -> Fit | None:
+def fitted(problem: Problem, hypothesis: Hypothesis, start: np.ndarray) -> Fit | None:
     """A fit with its Jacobian; None where the rotor touches down."""
     (fit,) = begin([hypothesis], [start], problem.data, problem.simulate)
     iterate([fit], problem.data, problem.simulate, STEPS)

@@ -160,9 +160,7 @@ def _costs(attribution: Attribution, drift: Drift | None) -> tuple[np.ndarray, f
     for i in np.argsort(cost):  # whatever costs much more than the best is not named anyway
         if cost[i] > cost.min() + NEAR_BEST:
             break
-        fit = candidates[i].fit
-        if fit.jacobian is None and np.isfinite(fit.cost):  # what follows, and its dispersion, need one
-            differentiate([fit], p.data, p.simulate, True)
+        fit = _differentiated(p, candidates[i].fit)
         limited = all(_limited(attribution, int(i), name, told) for name in candidates[i].effects if name in LIMITS)
         if not limited and len(candidates[i].effects) == 1:
             refused[i] = cost[i]
@@ -206,6 +204,13 @@ def as_good_as_others(attribution: Attribution, cost: np.ndarray, on_one_line: M
     ]  # fmt: skip
 
 
+def _differentiated(problem: Problem, fit: Fit) -> Fit:
+    """The fit with its Jacobian, which what follows it and its dispersion need."""
+    if fit.jacobian is None and np.isfinite(fit.cost):
+        differentiate([fit], problem.data, problem.simulate, True)
+    return fit
+
+
 def _limited(attribution: Attribution, candidate: int, name: str, told: dict[tuple[int, str], bool]) -> bool:
     """Whether a candidate shows the limit of one of its effects; `told` is added to.
 
@@ -215,11 +220,9 @@ def _limited(attribution: Attribution, candidate: int, name: str, told: dict[tup
     alone = next((i for i, c in enumerate(candidates) if c.effects == (name,) and c.possible), candidate)
     if candidates[alone].fit.cost < candidates[candidate].fit.cost + NO_GAP:
         candidate = alone
-    fit, p = candidates[candidate].fit, attribution.problem
     if (candidate, name) not in told:
-        if fit.jacobian is None and np.isfinite(fit.cost):
-            differentiate([fit], p.data, p.simulate, True)
-        told[candidate, name] = shows_limit(p, fit, name, _without(attribution, candidate, name))
+        fit = _differentiated(attribution.problem, candidates[candidate].fit)
+        told[candidate, name] = shows_limit(attribution.problem, fit, name, _without(attribution, candidate, name))
     return told[candidate, name]
 
 

@@ -229,8 +229,8 @@ def _between(index: int, part: Part, point: Point) -> list[Sighting]:
             continue
         if name == FOREIGN and left is not None and not stands_out(left, tone.frequency):
             continue  # it was what other parameters or effects had left, as of friction after steps
-        slow = left is None and wanders(tone, resolution)
-        if name == FOREIGN and (slow or (left is None and _creeps(record, point, tone.frequency))):
+        slow = left is None and (wanders(tone, resolution) or _creeps(record, point, tone.frequency))
+        if name == FOREIGN and slow:
             continue
         harmonic = 1 if name == FOREIGN else order_of(tone.frequency, name, speed)
         opened, reading = tone.amplitude.get("opened"), tone.amplitude.get("displacement")

@@ -228,7 +228,7 @@ def _record(campaign: Campaign, spec: RecordingSpec) -> Record | OpenRecord:
     waves = _waves(e, channels, driven, lines, signals.hold_rate, whole, offset)
     notes = (*signals.assumed, *load_in_words(load, spec.name))
     notes += (f"the first {dropped} period(s) carry a transient and were dropped",) * bool(dropped)
-    notes += tuple(wander_in_words(tones, e.fundamental / (whole_periods // n - dropped)))
+    notes += tuple(wander_in_words(tones, e.fundamental / len(split)))
     start = dropped / e.fundamental
     return Record(
         spec.name,

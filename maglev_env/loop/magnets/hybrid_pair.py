@@ -70,6 +70,12 @@ def shaped_pull(saturating: bool, steeper: bool, any_knee: bool) -> Callable:
     """
 
     @piece
+    def gaps_to_power(x, k, y, power):
+        """The gaps of the upper and the lower magnet, by that at y = 0, to a power."""
+        closer = y * x[k + PER_GAP]
+        return exponential(power * logarithm(1.0 - closer)), exponential(power * logarithm(1.0 + closer))
+
+    @piece
     def knee_at(x, k, square, narrower):
         """What a squared field is divided by."""
         knee = x[k + KNEE]
@@ -82,16 +88,14 @@ def shaped_pull(saturating: bool, steeper: bool, any_knee: bool) -> Callable:
         """What the squared fields of the upper and the lower magnet are by their knees, beside the same at y = 0."""
         if not any_knee:
             return 1.0, 1.0
-        closer, power = y * x[k + PER_GAP], -x[k + WIDENS]
-        return exponential(power * logarithm(1.0 - closer)), exponential(power * logarithm(1.0 + closer))
+        return gaps_to_power(x, k, y, -x[k + WIDENS])
 
     @piece
     def factors(x, k, y):
         """Of the upper and the lower magnet by another exponent."""
         if not steeper:
             return 1.0, 1.0
-        closer, power = y * x[k + PER_GAP], -x[k + EXPONENT]
-        return exponential(power * logarithm(1.0 - closer)), exponential(power * logarithm(1.0 + closer))
+        return gaps_to_power(x, k, y, -x[k + EXPONENT])
 
     @piece
     def shaped(x, k, y, current):
