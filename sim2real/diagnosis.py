@@ -30,21 +30,21 @@ from sim2real.gap.shrink import shrink
 from sim2real.gap.wrong_gain import wrong_gain
 from sim2real.gap.wrong_reading import wrong_reading
 from sim2real.judgement.belief import shipped
-from sim2real.judgement.between_lines import between_lines
 from sim2real.judgement.borne_out import most_of_noise
 from sim2real.judgement.evidence import evidence_of, unnamed_pair
 from sim2real.judgement.judge import allowance, entries
 from sim2real.judgement.likely import as_right, as_sure, likely_in_words, likely_of, rareness
 from sim2real.judgement.limit_not_shown import not_asked_in_words, without_limit_in_words
 from sim2real.judgement.lost_commands import LOST
+from sim2real.judgement.meaning.untold_time import late_readings
 from sim2real.judgement.mechanisms import by_mechanism, renamed
 from sim2real.judgement.named import Weighed, by_holdout
-from sim2real.judgement.noise_at_peak import NO_TANGENT
-from sim2real.judgement.rows_with_tones import TOO_LOUD
-from sim2real.judgement.sightings import LOUD, Sighting, may_creep, of_mains, sightings
-from sim2real.judgement.tone_sizes import tone_parameters, tone_sizes
-from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs, vibration_costs
-from sim2real.judgement.untold_time import late_readings
+from sim2real.judgement.tones.between_lines import between_lines
+from sim2real.judgement.tones.noise_at_peak import NO_TANGENT
+from sim2real.judgement.tones.rows_with_tones import TOO_LOUD
+from sim2real.judgement.tones.sightings import LOUD, Sighting, may_creep, of_mains, sightings
+from sim2real.judgement.tones.tone_sizes import tone_parameters, tone_sizes
+from sim2real.judgement.tones.unsynchronised import evidence, near_rotation, spin_costs, vibration_costs
 from sim2real.judgement.verdict import verdict
 from sim2real.one_axis import along_one_axis
 from sim2real.recorded.at_rest.static_evidence import drift_in_words

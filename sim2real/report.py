@@ -12,7 +12,7 @@ from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_word
 from sim2real.gap.locate import ALL_DRIVEN, Where
 from sim2real.gap.shrink import Gap
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.tone_sizes import tones_in_words
+from sim2real.judgement.tones.tone_sizes import tones_in_words
 from sim2real.judgement.verdict import CLASS_SHARE, with_effects
 from sim2real.lags_in_words import whole_lags
 from sim2real.result import OFFSET, Diagnosis, block_of, fitted_parameters

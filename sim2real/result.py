@@ -25,11 +25,11 @@ from sim2real.gap.shrink import Gap, errors
 from sim2real.gap.wrong_gain import WrongGain
 from sim2real.gap.wrong_reading import WrongReading
 from sim2real.judgement.belief import LEVEL
-from sim2real.judgement.between_lines import BetweenLines
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.tone_sizes import ToneSize
-from sim2real.judgement.untold_time import Late
+from sim2real.judgement.meaning.untold_time import Late
+from sim2real.judgement.tones.between_lines import BetweenLines
+from sim2real.judgement.tones.tone_sizes import ToneSize
 from sim2real.recorded.bursts import Bursts
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fit import NOT_TOLD, Fit

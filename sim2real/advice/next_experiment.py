@@ -14,7 +14,7 @@ from sim2real.advice.slower_rotation import slower
 from sim2real.compared.problem import Part
 from sim2real.compared.reached import moved
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.sightings import Sighting
+from sim2real.judgement.tones.sightings import Sighting
 from sim2real.judgement.verdict import CLASS_SHARE, alternatives, with_effects
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution

@@ -7,8 +7,8 @@ import numpy as np
 from sim2real.advice.proposal import Proposal
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Part, Problem
-from sim2real.judgement.sightings import Sighting, seen_at
-from sim2real.judgement.unsynchronised import FORM, once_per_turn
+from sim2real.judgement.tones.sightings import Sighting, seen_at
+from sim2real.judgement.tones.unsynchronised import FORM, once_per_turn
 
 SHARES = (1 / 2, 1 / 3, 1 / 4, 1 / 6, 1 / 8, 1 / 12, 1 / 16)  # of the speed that was recorded
 NEARLY = 0.75  # of the best separation: what as much of it is reached by nearer to the recorded speed is preferred

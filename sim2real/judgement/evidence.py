@@ -15,10 +15,10 @@ from sim2real.compared.problem import KINDS, Problem
 from sim2real.compared.reached import current_reached, motion_reached
 from sim2real.judgement.dispersion import NOISE_ALONE, NOISE_INFLATION, Dispersion, dispersion_of
 from sim2real.judgement.lost_commands import LOST, scatter_cost
-from sim2real.judgement.on_one_line import acts_on_one_line
-from sim2real.judgement.outside_meaning import meaningless_cost
-from sim2real.judgement.stated_stiffness import stiffness_cost
-from sim2real.judgement.within_reach import LIMITS, shows_limit
+from sim2real.judgement.meaning.on_one_line import acts_on_one_line
+from sim2real.judgement.meaning.outside_meaning import meaningless_cost
+from sim2real.judgement.meaning.stated_stiffness import stiffness_cost
+from sim2real.judgement.meaning.within_reach import LIMITS, shows_limit
 from sim2real.recorded.drifting import DRIFTING, trend
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import NO_GAP, Attribution, Candidate

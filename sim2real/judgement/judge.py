@@ -8,7 +8,7 @@ import numpy as np
 from maglev_env.loop.effect import EFFECTS
 from sim2real.judgement.belief import Belief, Judge, channels_of, shipped
 from sim2real.judgement.evidence import Evidence
-from sim2real.judgement.rows_with_tones import Row, left_of_known, tones_of, unnamed, with_tones
+from sim2real.judgement.tones.rows_with_tones import Row, left_of_known, tones_of, unnamed, with_tones
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN, coordinates_of
 
 WIDE_FORM = 0.01

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from maglev_env.loop.effect import EFFECTS, NEEDS
 from maglev_env.rig.rig import Rig
 from sim2real.judgement.evidence import Evidence
-from sim2real.judgement.within_reach import LIMITS
+from sim2real.judgement.meaning.within_reach import LIMITS
 
 
 def without_limit_in_words(evidence: Evidence, named: Collection[int]) -> list[str]:

@@ -19,7 +19,7 @@ from sim2real.judgement.on_holdout import (
     spoken_against,
 )
 from sim2real.judgement.one_cause import explained_by_one
-from sim2real.judgement.sightings import Sighting
+from sim2real.judgement.tones.sightings import Sighting
 from sim2real.judgement.verdict import alternatives, verdict, with_effects, worded
 from sim2real.search.candidates import Attribution
 from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN

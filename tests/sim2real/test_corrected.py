@@ -20,7 +20,7 @@ from sim2real.corrected import corrected_toml, write_corrected
 from sim2real.gap.locate import Where
 from sim2real.gap.shrink import Gap, Words
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.tone_sizes import ToneSize
+from sim2real.judgement.tones.tone_sizes import ToneSize
 from sim2real.report import percent, quantity, sentence
 from sim2real.result import Diagnosis
 

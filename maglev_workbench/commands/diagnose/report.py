@@ -20,7 +20,7 @@ from sim2real.gap.leftover_words import fit_in_words, leftover_lines
 from sim2real.gap.locate import ALL_DRIVEN
 from sim2real.gap.shrink import REFIT, errors
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.tone_sizes import tones_in_words
+from sim2real.judgement.tones.tone_sizes import tones_in_words
 from sim2real.report import (
     BEYOND,
     NO_SHARE,

@@ -21,7 +21,7 @@ from maglev_workbench.console import console
 from sim2real.curves import curves
 from sim2real.diagnosis import diagnose
 from sim2real.free.correction import Free
-from sim2real.judgement.untold_time import Late
+from sim2real.judgement.meaning.untold_time import Late
 from sim2real.report import corrections
 from sim2real.search import attribute
 

@@ -10,7 +10,7 @@ from sim2real.advice import separation, slower_rotation
 from sim2real.advice.made_already import made_already
 from sim2real.advice.recording_menu import Item
 from sim2real.judgement.judge import Entry
-from sim2real.judgement.sightings import Sighting
+from sim2real.judgement.tones.sightings import Sighting
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate
 from sim2real.search.hypotheses import Hypothesis

@@ -33,7 +33,7 @@ from sim2real.compared.tones_left import (
     taken_out,
     tones_in,
 )
-from sim2real.judgement.sightings import FOREIGN, _between
+from sim2real.judgement.tones.sightings import FOREIGN, _between
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import tone_lines
 

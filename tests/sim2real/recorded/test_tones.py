@@ -11,8 +11,16 @@ from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import NOMINAL, Point, settling, together
 from sim2real.compared.problem import assemble
 from sim2real.compared.simulated import residuals
-from sim2real.judgement.sightings import FOREIGN, Sighting, _higher_harmonics, _mixed, _one_family, of_mains, sightings
-from sim2real.judgement.unsynchronised import evidence, near_rotation, spin_costs
+from sim2real.judgement.tones.sightings import (
+    FOREIGN,
+    Sighting,
+    _higher_harmonics,
+    _mixed,
+    _one_family,
+    of_mains,
+    sightings,
+)
+from sim2real.judgement.tones.unsynchronised import evidence, near_rotation, spin_costs
 from sim2real.recorded.records import read_records
 from sim2real.recorded.tones import families, near_tones, origin, outstanding, overtones
 from sim2real.search.hypotheses import TONES

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.judgement.untold_time import Late, late_readings
+from sim2real.judgement.meaning.untold_time import Late, late_readings
 from sim2real.recorded.channel_errors import ChannelError
 from sim2real.recorded.nuisances import Nuisances
 from sim2real.recorded.open_record import OpenRecord

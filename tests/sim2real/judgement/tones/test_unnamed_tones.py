@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sim2real.judgement.between_lines import between_lines
-from sim2real.judgement.sightings import FOREIGN, LOUD, Sighting
+from sim2real.judgement.tones.between_lines import between_lines
+from sim2real.judgement.tones.sightings import FOREIGN, LOUD, Sighting
 
 
 def problem(fundamental=1.0, periods=4, count=2):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim2real.judgement.evidence import _without
-from sim2real.judgement.within_reach import shows_limit
+from sim2real.judgement.meaning.within_reach import shows_limit
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
 

@@ -13,8 +13,8 @@ from maglev_env.linear.loop import loop_response
 from maglev_env.rig.excitation import Excitation
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import NOMINAL, Point
-from sim2real.judgement import noise_at_peak as module
-from sim2real.judgement.noise_at_peak import noise_at_peak
+from sim2real.judgement.tones import noise_at_peak as module
+from sim2real.judgement.tones.noise_at_peak import noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 
 

@@ -14,8 +14,8 @@ from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.open_tones import with_tones
 from sim2real.compared.point import NOMINAL, Point
 from sim2real.compared.problem import assemble
-from sim2real.judgement import sightings as module
-from sim2real.judgement.sightings import (
+from sim2real.judgement.tones import sightings as module
+from sim2real.judgement.tones.sightings import (
     FOREIGN,
     Sighting,
     _bands,

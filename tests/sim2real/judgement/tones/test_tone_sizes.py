@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.judgement.sightings import FOREIGN, Sighting
-from sim2real.judgement.tone_sizes import tone_parameters, tone_sizes, tones_in_words
+from sim2real.judgement.tones.sightings import FOREIGN, Sighting
+from sim2real.judgement.tones.tone_sizes import tone_parameters, tone_sizes, tones_in_words
 
 MAINS, RECEPTANCE, SPEED = "pickup 50 Hz", 2e-5, 3000.0
 PROBLEM = SimpleNamespace(

@@ -10,7 +10,7 @@ from maglev_env.loop.effect import effect
 from maglev_env.rig.rig import Rig
 from maglev_env.rig.rig_file import load_rig
 from sim2real.compared.point import Point
-from sim2real.judgement.outside_meaning import NO_RESONANCE, meaningless_cost
+from sim2real.judgement.meaning.outside_meaning import NO_RESONANCE, meaningless_cost
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import FORM_SHARE, Hypothesis, coordinates_of
 

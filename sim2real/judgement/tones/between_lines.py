@@ -7,7 +7,7 @@ import numpy as np
 
 from sim2real.compared.problem import Problem
 from sim2real.compared.tones_left import resolution_of
-from sim2real.judgement.sightings import FOREIGN, LOUD, Sighting
+from sim2real.judgement.tones.sightings import FOREIGN, LOUD, Sighting
 from sim2real.recorded.open_record import OpenRecord
 
 SHOWN = 4  # tones that are listed

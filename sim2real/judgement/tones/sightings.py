@@ -15,7 +15,7 @@ from sim2real.compared.point import Point, experiment_at, modes_of, with_own
 from sim2real.compared.problem import Part, Problem
 from sim2real.compared.tones_left import log_chances, residual_of, resolution_of, stands_out, tones_in
 from sim2real.compared.tones_on_lines import tones_on_lines
-from sim2real.judgement.noise_at_peak import NO_TANGENT, linear, noise_at_peak
+from sim2real.judgement.tones.noise_at_peak import NO_TANGENT, linear, noise_at_peak
 from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import loud_bands, opened_loop
 from sim2real.recorded.records import Record

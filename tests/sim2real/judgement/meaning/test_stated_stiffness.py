@@ -9,7 +9,7 @@ from maglev_env.loop.magnets.kinds import force_law
 from maglev_env.loop.magnets.law import force, reshaped
 from maglev_env.rig.rig_file import load_rig, rig_from_toml
 from sim2real.compared.point import Point
-from sim2real.judgement.stated_stiffness import stiffness_cost
+from sim2real.judgement.meaning.stated_stiffness import stiffness_cost
 from sim2real.search.exchanged import resembling
 from sim2real.search.hypotheses import WIDER
 

@@ -8,7 +8,7 @@ import pytest
 
 from sim2real.compared.point import Point
 from sim2real.judgement.evidence import as_good_as_others
-from sim2real.judgement.on_one_line import FLANKS, LINES, acts_on_one_line, flanks, lines_of
+from sim2real.judgement.meaning.on_one_line import FLANKS, LINES, acts_on_one_line, flanks, lines_of
 from sim2real.search.fitting import begin
 from sim2real.search.hypotheses import Hypothesis
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.problem import Problem
-from sim2real.judgement.sightings import FOREIGN, Sighting
-from sim2real.judgement.unsynchronised import FORM
+from sim2real.judgement.tones.sightings import FOREIGN, Sighting
+from sim2real.judgement.tones.unsynchronised import FORM
 from sim2real.recorded.tones import MAINS, NEAR
 from sim2real.words import quantity
 

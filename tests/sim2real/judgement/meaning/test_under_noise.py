@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim2real.judgement.within_reach import shows_limit
+from sim2real.judgement.meaning.within_reach import shows_limit
 from sim2real.search.fitting import begin, differentiate, iterate
 from sim2real.search.hypotheses import Hypothesis
 

@@ -6,7 +6,7 @@ from sim2real.compared.commands_seen import SEEN
 from sim2real.compared.drift import DRIFT
 from sim2real.judgement.evidence import Evidence
 from sim2real.judgement.lost_commands import LOST
-from sim2real.judgement.sightings import FOREIGN, LOUD
+from sim2real.judgement.tones.sightings import FOREIGN, LOUD
 from sim2real.recorded.drifting import DRIFTING
 
 TOO_LOUD = "too loud"  # the family of noise beyond what the rig states

@@ -21,7 +21,7 @@ from maglev_env.loop.effect import EFFECTS
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
 from sim2real.judgement.dispersion import NOISE_INFLATION
-from sim2real.judgement.under_noise import ripple_is_noise
+from sim2real.judgement.meaning.under_noise import ripple_is_noise
 from sim2real.search.fit import LEFT_SD, Fit
 from sim2real.search.fitting import CALIBRATION_STEP, STEP, aside
 from sim2real.search.following import following

@@ -8,7 +8,7 @@ from scipy import stats
 
 from sim2real.compared.point import Point
 from sim2real.compared.problem import Problem
-from sim2real.judgement.sightings import FOREIGN, LOUD, Sighting, seen_at
+from sim2real.judgement.tones.sightings import FOREIGN, LOUD, Sighting, seen_at
 from sim2real.recorded.tones import HARMONICS, NEAR
 
 FORM = 0.03  # relative error of an amplitude that its model may make
