@@ -1,21 +1,23 @@
 """What to measure next: up to three recordings of a menu that together separate what is left, for the least effort."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from sim2real.advice.made_already import made_already
 from sim2real.advice.proposal import Choice, Plan, Proposal
-from sim2real.advice.recording_menu import menu
-from sim2real.advice.separation import Differences, differences, separation
+from sim2real.advice.recording_menu import Item, menu
+from sim2real.advice.separation import Differences, differences, longer, separation
 from sim2real.advice.slower_rotation import slower
 from sim2real.compared.problem import Part
 from sim2real.compared.reached import moved
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tones.sightings import Sighting
 from sim2real.judgement.verdict import CLASS_SHARE, alternatives, with_effects
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
 from sim2real.search.fit import Fit
@@ -25,11 +27,12 @@ REMAINING = 4  # candidates to be separated
 SEPARATED = 4.7  # cost between two candidates below which they count as alike (a likelihood ratio of about ten)
 ENOUGH = 25.0  # separation above which more effort is not worthwhile
 MOST = 3  # recordings that are asked for at once
+LENGTHS = {1: 0.0, 4: 0.5, 16: 1.0}  # times as long -> what that adds to the effort of a recording
+LONGEST = 300.0  # s that a longer recording may last
 WORTHWHILE = 1.0  # separation that a further recording must add
 TURNING = {"runout", "unbalance"}  # alike at one speed of rotation
 Separation = tuple[float, tuple[Fit, ...]]  # the least of any two candidates, and these two
-Told = Callable[[Sequence[int]], Separation]  # of recordings of the menu together
-Effort = Callable[[Sequence[int]], float]
+Told = Callable[[Sequence[int], int], Separation]  # of recordings of the menu together that last so many times as long
 # What the kind of a change shows of a cause that is unknown, in the order in which it is asked for.
 SHOWS = {
     "channels": "shows whether it acts before the current or behind it",
@@ -67,9 +70,16 @@ def propose(
 
 
 def _base(attribution: Attribution) -> Part:
-    """The recording that others are made after: the loudest with a period, else the loudest."""
+    """The recording that others are made after: the loudest of those with the most outputs, with a period if any."""
     parts = attribution.problem.parts
-    return max([p for p in parts if isinstance(p.record, Record)] or parts, key=lambda part: moved(part.record))
+    periodic = [p for p in parts if isinstance(p.record, Record)]
+    return max(periodic or parts, key=lambda part: (len(part.opened.outputs), moved(part.record)))
+
+
+def _seconds(record: Record | OpenRecord) -> float:
+    """How long a recording lasts, s."""
+    rate = record.windows.sample_rate if isinstance(record, OpenRecord) else record.experiment.recorded_rate
+    return record.series["displacement"].shape[1] / rate
 
 
 def _of_the_unknown(attribution: Attribution) -> Plan | None:
@@ -112,29 +122,38 @@ def _between(attribution: Attribution, found: Sequence[Entry]) -> Plan | None:
     looks = {n: found for n, found in looks.items() if np.isfinite(separation([found], fits)[0])}
     if not looks:
         return None
-    untold = _untold(list(looks.values()), fits)
+    lengths = [n for n in LENGTHS if n == 1 or n * _seconds(base.record) <= LONGEST]
+    untold = _untold([longer(look, lengths[-1]) for look in looks.values()], fits)
     # What nothing tells apart must not hide what can be told.
     looks = {n: {pair: v for pair, v in look.items() if tuple(sorted(pair)) not in untold} for n, look in looks.items()}
     names = tuple(_from((fits[i], fits[j])) for i, j in untold)
     if not next(iter(looks.values())):
         return Plan((), untold=names)
 
-    def told(chosen: Sequence[int]) -> Separation:
-        return separation([looks[n] for n in chosen], fits)
+    def told(chosen: Sequence[int], length: int) -> Separation:
+        return separation([longer(looks[n], length) for n in chosen], fits)
 
-    def effort(chosen: Sequence[int]) -> float:
-        return sum(items[n].effort for n in chosen)
-
-    order = _in_order(_chosen(list(looks), told, effort), told, effort)
+    length, order = _chosen({n: items[n].effort for n in looks}, told, lengths)
     proposals = []
     for count in range(1, len(order) + 1):
-        item, (value, pair) = items[order[count - 1]], told(order[:count])
+        item, (value, pair) = items[order[count - 1]], told(order[:count], length)
         surely = "tells" if value > SEPARATED else "does not surely tell"
         why = f"{'it' if count == 1 else 'together with those before, it'} {surely} {_from(pair)}"
-        proposals.append(Proposal(item.what, why, item.effort, value, item.change, base.record.name))
-    choices = (Choice(items[n].what, items[n].effort, told([n])[0], items[n].change) for n in looks)
+        what, effort, change = _lasting(item, length)
+        proposals.append(Proposal(what, why, effort, value, change, base.record.name))
+    choices = []
+    for n in looks:
+        what, effort, change = _lasting(items[n], length)
+        choices.append(Choice(what, effort, told([n], length)[0], change))
     ordered = sorted(choices, key=lambda c: -(c.expected_separation or 0.0))
     return Plan(tuple(proposals), tuple(ordered), names)
+
+
+def _lasting(item: Item, length: int) -> tuple[str, float, Mapping[str, Any]]:
+    """What to record, its effort and its change where it lasts so many times as long as the one that was made."""
+    if length == 1:
+        return item.what, item.effort, item.change
+    return f"{item.what}, {length} times as long", item.effort + LENGTHS[length], {**item.change, "length": length}
 
 
 def _from(pair: Sequence[Fit]) -> str:
@@ -148,21 +167,35 @@ def _untold(looks: Sequence[Differences], fits: Sequence[Fit]) -> list[tuple[int
     return [pair for pair, own in zip(pairs, both, strict=True) if separation(own, fits)[0] <= SEPARATED]
 
 
-def _chosen(items: list[int], told: Told, effort: Effort) -> list[int]:
-    """The least effort that certainly separates; where none does, what adds most for its effort, one by one."""
-    sets = [list(s) for size in range(1, MOST + 1) for s in combinations(items, size)]
-    if sure := [s for s in sets if told(s)[0] >= ENOUGH]:
-        return min(sure, key=lambda s: (effort(s), -told(s)[0]))
-    return _in_order(items, told, effort)[:MOST]
+def _chosen(efforts: Mapping[int, float], told: Told, lengths: Sequence[int]) -> tuple[int, list[int]]:
+    """The length and, in their order, the recordings that certainly separate for the least effort.
+
+    Where none do, the longest ones that add most for their effort.
+
+    Args:
+        efforts: Of the recordings that can be chosen.
+        told: How well they separate.
+        lengths: How many times as long they may last.
+    """
+    sure = []
+    for own in (s for size in range(1, MOST + 1) for s in combinations(efforts, size)):
+        for length in lengths:
+            if (value := told(own, length)[0]) >= ENOUGH:
+                sure.append((sum(efforts[n] + LENGTHS[length] for n in own), -value, length, own))
+                break
+    if not sure:
+        return lengths[-1], _in_order(efforts, told, lengths[-1])[:MOST]
+    _, _, length, own = min(sure)
+    return length, _in_order({n: efforts[n] for n in own}, told, length)
 
 
-def _in_order(items: list[int], told: Told, effort: Effort) -> list[int]:
-    """Items in the order in which they add most for their effort, without those that add nothing worthwhile."""
+def _in_order(efforts: Mapping[int, float], told: Told, length: int) -> list[int]:
+    """Recordings in the order in which they add most for their effort, without those that add nothing worthwhile."""
     found: list[int] = []
-    while left := [n for n in items if n not in found]:
-        had = told(found)[0] if found else 0.0
-        gain, best = max(((told([*found, n])[0] - had) / effort([n]), -n) for n in left)
-        if found and gain * effort([-best]) < WORTHWHILE:
+    while left := [n for n in efforts if n not in found]:
+        had = told(found, length)[0] if found else 0.0
+        gain, best = max(((told([*found, n], length)[0] - had) / efforts[n], -n) for n in left)
+        if found and gain * efforts[-best] < WORTHWHILE:
             break
         found.append(-best)
     return found

@@ -14,7 +14,8 @@ class Choice:
         effort: Relative: 1 for a change of software, 2 of wiring, 3 of hardware.
         expected_separation: Cost (-2 ln likelihood ratio) between the two candidates that it alone separates least;
             None where it is not computed.
-        change: What differs from the recording that it repeats: "amplitude" (factor), "offset" (m), "gains" (factors
+        change: What differs from the recording that it repeats: "amplitude" (factor), "length" (factor on the number of
+            periods, or how often what has no period is repeated), "offset" (m), "gains" (factors
             on kp and kd), "excitation" (at, lines and peak, N or A; these lines are no longer driven otherwise; or,
             beside what never repeats, frequencies in Hz in place of lines), "channels" (recorded in addition),
             "speed" (factor).

@@ -22,6 +22,7 @@ OFFSETS = {0.1: 1.0, 0.16: 1.1, 0.25: 1.2}  # share of the gap -> effort: farthe
 ROOM = 0.5  # of the clearance that an offset may use
 INJECTED, LINES = 0.02, 40  # peak of a multisine in the bias current, where the rig has no protocol, and its lines
 EFFORT = {"current": 1.0, "force": 3.0}  # of an excitation there, see `Item`
+WIRED = 2.0  # effort of a channel that is wired for the recording
 SPARE = 0.3  # of the largest command that the converter can give: what an injection may use of it
 ABOVE = 0.2  # peak, in the bias current, of a multisine above the band that was driven: it hardly moves the rotor
 
@@ -62,9 +63,9 @@ def _open_menu(base: OpenRecord) -> list[Item]:
     band = np.geomspace(centre[0], centre[-1], min(LINES, centre.size))
     if peak:
         items.append(_with_sines(base, outputs, "current", peak, band))
-    items += _open_above(base, outputs)
+    items += (above := _open_above(base, outputs))
     if "current" not in base.series:
-        items.append(_with_current(base))
+        items += [_with_current(base), *map(_with_current_too, above)]
     if not np.ptp(base.waves["force"], axis=1).any() and (force := _shaken(base, band)):
         items.append(_with_sines(base, outputs, "force", force, band))
     if base.bias is None and isinstance(base.experiment.gains, PidGains):  # its own controller is known
@@ -74,7 +75,14 @@ def _open_menu(base: OpenRecord) -> list[Item]:
 
 def _with_current(base: Record | OpenRecord) -> Item:
     beside, outputs = {"channels": ["current"]}, outputs_of(True, base.experiment)
-    return Item("the coil current beside the same channels", 2.0, base, outputs, beside)
+    return Item("the coil current beside the same channels", WIRED, base, outputs, beside)
+
+
+def _with_current_too(item: Item) -> Item:
+    """An item of the menu where the coil current is wired for it."""
+    outputs = outputs_of(True, item.record.experiment)
+    what = f"{item.what}, the coil current recorded too"
+    return Item(what, WIRED, item.record, outputs, {**item.change, "channels": ["current"]})
 
 
 def _shaken(base: Record | OpenRecord, frequency: np.ndarray) -> float:
@@ -132,9 +140,10 @@ def _periodic_menu(base: Record) -> list[Item]:
     outputs = ("plant", "amplifier") if has_current else ("plant",)
     items = [Item("the same at twice the amplitude", 1.0, _scaled(base, 2.0), outputs, {"amplitude": 2.0})]
     if rig.controlled:
+        items += (above := _above(base, outputs))
         if not has_current:
-            items.append(_with_current(base))
-        items += _above(base, outputs) + _elsewhere(base, outputs)
+            items += [_with_current(base), *map(_with_current_too, above)]
+        items += _elsewhere(base, outputs)
     if rig.protocol:
         peaks = {e.at: e.amplitude for e in rig.protocol.excitations}
     else:

@@ -86,6 +86,11 @@ def differences(item: Item, base: Part, fits: Sequence[Fit]) -> Differences | No
     return found
 
 
+def longer(look: Differences, times: float) -> Differences:
+    """By how much candidates differ in a recording that lasts so many times as long, under the same noise."""
+    return {pair: (times * squared, times * cross, times * normal) for pair, (squared, cross, normal) in look.items()}
+
+
 def separation(looks: Sequence[Differences], fits: Sequence[Fit]) -> tuple[float, tuple[Fit, ...]]:
     """Smallest cost by which any two candidates differ in new recordings, and these two in the order of the fits.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim2real.blind.benchmark.drives import PERIODIC, Drive
+from sim2real.blind.benchmark.drives import Drive
 from sim2real.blind.benchmark.generate import Made, disturbed
 from sim2real.blind.benchmark.simulate import Recording, simulate
 from sim2real.blind.benchmark.write import Recorded
@@ -29,11 +29,14 @@ def again(made: Made, of: str, change: Mapping[str, Any], number: int, seed: int
     """
     base = next((r for r in made.recordings if f"{r.name}.npz" == of), made.recordings[0])
     rng = np.random.default_rng([seed, made.case.number, 1000 + number])
-    if unknown := set(change) - {"amplitude", "offset", "gains", "excitation", "channels", "speed"}:
+    if unknown := set(change) - {"amplitude", "length", "offset", "gains", "excitation", "channels", "speed"}:
         raise KeyError(f"what is changed by {', '.join(unknown)} is not known")
     changed = replace(base, name=f"next{number}", role="fit")
+    changed = replace(changed, drive=_longer(base.drive, change.get("length", 1)))
+    if base.beside is not None:
+        changed = replace(changed, beside=_longer(base.beside, change.get("length", 1)))
     if "amplitude" in change:
-        changed = replace(changed, drive=replace(base.drive, wave=change["amplitude"] * base.drive.wave))
+        changed = replace(changed, drive=replace(changed.drive, wave=change["amplitude"] * changed.drive.wave))
     if "offset" in change:
         changed = replace(changed, offset=change["offset"])
     if "gains" in change:
@@ -49,15 +52,20 @@ def again(made: Made, of: str, change: Mapping[str, Any], number: int, seed: int
     return Recorded(changed, True, simulate(disturbed(made), changed, noise, drops), tuple(change.get("channels", ())))
 
 
+def _longer(drive: Drive, times: int) -> Drive:
+    """A drive that repeats itself so many times, with as many more periods where it has any."""
+    return replace(drive, wave=np.tile(drive.wave, times), periods=times * drive.periods)
+
+
 def _excited(base: Recording, asked: Mapping[str, Any], rate: float, rng: np.random.Generator) -> Recording:
     """With a multisine of random phases: on lines that nothing else drives any more, or beside what never repeats."""
     own, samples = base.drive, base.drive.wave.size
     if "lines" in asked:
-        period = samples // PERIODIC
+        period = samples // own.periods
         spectrum = np.fft.rfft(own.wave[-period:])
         spectrum[list(asked["lines"])] = 0.0
         kept = tuple(n for n in own.lines if n not in asked["lines"])
-        left = replace(own, wave=np.tile(np.fft.irfft(spectrum, period), PERIODIC), lines=kept)
+        left = replace(own, wave=np.tile(np.fft.irfft(spectrum, period), own.periods), lines=kept)
         lines, shape, fundamental = tuple(asked["lines"]), "multisine", rate / period
         frequency = np.array(lines) * fundamental
     else:
@@ -65,7 +73,9 @@ def _excited(base: Recording, asked: Mapping[str, Any], rate: float, rng: np.ran
         lines, shape, fundamental = (), "noise", 0.0
     phase = rng.uniform(0, 2 * pi, (frequency.size, 1))
     wave = np.cos(2 * pi * np.outer(frequency, np.arange(samples) / rate) + phase).sum(axis=0)
-    added = Drive(shape, asked["at"], asked["peak"] / np.abs(wave).max() * wave, lines, fundamental, own.direction)
+    added = Drive(
+        shape, asked["at"], asked["peak"] / np.abs(wave).max() * wave, lines, fundamental, own.direction, own.periods
+    )
     if shape == "noise" and own.at == asked["at"]:
         return replace(base, drive=replace(own, shape=shape, wave=own.wave + added.wave))
     if not left.lines and shape == "multisine":

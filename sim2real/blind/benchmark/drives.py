@@ -25,6 +25,7 @@ class Drive:
         lines: Driven harmonics of a multisine.
         fundamental: Of a multisine, Hz.
         direction: Of two axes, degrees from x toward y.
+        periods: Of a multisine, in the waveform.
     """
 
     shape: str
@@ -33,6 +34,7 @@ class Drive:
     lines: tuple[int, ...] = ()
     fundamental: float = 0.0
     direction: float = 0.0
+    periods: int = PERIODIC
 
     def channels(self, axes: int) -> dict[str, np.ndarray]:
         """The channels force, injection and reference (n, axes)."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2real.blind.benchmark.drives import CHANNEL, PERIODIC, Drive
+from sim2real.blind.benchmark.drives import CHANNEL, Drive
 from sim2real.blind.benchmark.rigs import BenchRig
 from sim2real.blind.benchmark.simulate import Recording
 
@@ -89,9 +89,9 @@ def _excitation(rig: BenchRig, drive: Drive, stored: bool) -> list[str]:
         values = {
             "kind": '"multisine"',
             "at": f'"{drive.at}"',
-            "period_samples": drive.wave.size // PERIODIC,
+            "period_samples": drive.wave.size // drive.periods,
             "amplitude": float(np.abs(drive.wave).max()),
-            "periods": PERIODIC,
+            "periods": drive.periods,
             "lines": list(drive.lines),
         }
     elif stored and drive.shape in ("chirp", "noise"):

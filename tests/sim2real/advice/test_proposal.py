@@ -33,8 +33,12 @@ def simulator(rows):
 def recorded(name, motion=1.0, place=0.0, gains=1.0):
     """What advice needs of a recording, in a gap of 1 m."""
     series = {"displacement": np.array([[place - 0.1 * motion, place + 0.1 * motion]])}
-    nominal, experiment = SimpleNamespace(gap=1.0), SimpleNamespace(gains=gains)
+    nominal, experiment = SimpleNamespace(gap=1.0), SimpleNamespace(gains=gains, recorded_rate=10.0)
     return SimpleNamespace(name=name, series=series, nominal=nominal, experiment=experiment)
+
+
+def part_of(record):
+    return SimpleNamespace(record=record, opened=SimpleNamespace(outputs=("plant",)))
 
 
 @pytest.fixture
@@ -42,7 +46,7 @@ def asked(monkeypatch):
     """Asks for a recording between the three effects, of which the second and the third are least unlike in it."""
     drawn = np.random.default_rng(4).standard_normal((4, 40, 2)) @ (1, 1j)
     simulate = simulator(np.array([drawn[0], drawn[1], drawn[1] + 0.2 * drawn[2]]))
-    problem = SimpleNamespace(parts=(SimpleNamespace(record=recorded("a.npz")),), data=drawn[3], simulate=simulate)
+    problem = SimpleNamespace(parts=(part_of(recorded("a.npz")),), data=drawn[3], simulate=simulate)
     fits = begin([Hypothesis((n,), {}) for n in NAMES], [np.full(1, 5.0)] * 3, problem.data, simulate)
     differentiate(fits[:2], problem.data, simulate, True)
     calibration = begin([Hypothesis((), {})], [np.zeros(0)], problem.data, simulate)
@@ -113,32 +117,32 @@ def test_what_is_refuted_is_no_rival(asked):
     assert asked(of("unknown", 0.6), of("mass", 0.4, 1), of("actuator_gain", 0.0, 2)) is None
 
 
-def items(*efforts):
-    return [Item(f"item {n}", effort, None, ("plant",), {"amplitude": float(n)}) for n, effort in enumerate(efforts)]
-
-
-def chosen(told, *efforts):
-    own_items = items(*efforts)
-    return own._in_order(
-        own._chosen(list(range(len(own_items))), told, lambda s: sum(own_items[n].effort for n in s)),
-        told,
-        lambda s: sum(own_items[n].effort for n in s),
-    )
+def chosen(told, *efforts, lengths=(1,)):
+    return own._chosen(dict(enumerate(efforts)), told, lengths)
 
 
 def of_pairs(*rows):
     """The least over pairs of candidates of what recordings add up to: a row for each recording."""
-    return lambda n: (float(np.min(np.sum([rows[i] for i in n], axis=0))), ())
+    return lambda n, length: (length * float(np.min(np.sum([rows[i] for i in n], axis=0))), ())
 
 
 def test_two_recordings_that_each_leave_a_pair_are_planned_together():
     """Neither alone separates all, a third does but takes new hardware."""
-    assert chosen(of_pairs([40.0, 0.5], [0.2, 30.0], [60.0, 60.0]), 1.0, 1.0, 3.0) == [0, 1]
-    assert chosen(of_pairs([40.0, 0.5], [0.2, 30.0], [60.0, 60.0]), 1.0, 1.0, 1.0) == [2]
+    assert chosen(of_pairs([40.0, 0.5], [0.2, 30.0], [60.0, 60.0]), 1.0, 1.0, 3.0) == (1, [0, 1])
+    assert chosen(of_pairs([40.0, 0.5], [0.2, 30.0], [60.0, 60.0]), 1.0, 1.0, 1.0) == (1, [2])
 
 
 def test_what_adds_nothing_is_not_asked_for():
-    assert chosen(of_pairs([4.0, 3.0], [0.1, 0.2], [2.0, 2.5]), 1.0, 1.0, 1.0) == [0, 2]
+    assert chosen(of_pairs([4.0, 3.0], [0.1, 0.2], [2.0, 2.5]), 1.0, 1.0, 1.0) == (1, [0, 2])
+
+
+def test_what_is_too_short_is_asked_for_longer_where_that_is_the_least_effort():
+    """A recording four times as long takes less than two of another kind, and more than nothing."""
+    rows = of_pairs([7.0, 8.0], [20.0, 18.0], [9.0, 9.0])
+    assert chosen(rows, 1.0, 1.0, 1.0, lengths=(1, 4, 16)) == (4, [1])
+    assert chosen(rows, 1.0, 1.0, 1.0) == (1, [1, 2])
+    assert chosen(of_pairs([30.0, 30.0], [2.0, 2.0]), 1.0, 1.0, lengths=(1, 4, 16)) == (1, [0])
+    assert chosen(of_pairs([0.2, 0.2], [0.1, 0.1]), 1.0, 1.0, lengths=(1, 4, 16)) == (16, [0, 1])
 
 
 def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(monkeypatch):
@@ -147,7 +151,7 @@ def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(mo
     rest = recorded("rest.npz", 0.01)
 
     def asked_of(*records) -> list[str]:
-        problem = SimpleNamespace(parts=tuple(SimpleNamespace(record=r) for r in (rest, *records)))
+        problem = SimpleNamespace(parts=tuple(map(part_of, (rest, *records))))
         plan = own.propose(SimpleNamespace(problem=problem), [], [], unknown=True)
         assert [c.change for c in plan.menu] == list(kinds)
         assert all(p.expected_separation is None and p.of == "a.npz" for p in plan.proposals)

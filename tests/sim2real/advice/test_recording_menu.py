@@ -120,7 +120,9 @@ def test_a_coil_current_that_was_not_recorded_is_asked_for_beside_what_never_rep
     _, (record,) = read_records(write_campaign(tmp_path, Bench(), {"noise": "fit"}, 0.5, 0))
     silent = replace(record, series={"displacement": record.series["displacement"]})
     part = assemble([silent]).parts[0]
-    (item,) = [i for i in menu(silent) if "channels" in i.change]
+    item, above = (i for i in menu(silent) if "channels" in i.change)
+    assert item.change == {"channels": ["current"]} and above.change["excitation"]["at"] == "current"
+    assert look(above, part)[1].shape[0] == 2  # outputs
     assert not [i for i in menu(record) if "channels" in i.change] and part.opened.outputs == ("plant",)
     weights = look(item, part)[1]
     sd = 2 * record.nominal.noise.current / np.sqrt(record.windows.samples)
