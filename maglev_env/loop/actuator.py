@@ -107,7 +107,7 @@ EFFECTS: Mapping[str, EffectCard] = {
                 starts_per="field at rest",
                 needs=("pair",),
             ),
-            "sharpness": Parameter("", 1.0, 40.0, 4.0, shape=0.8),
+            "sharpness": Parameter("", 1.0, 100.0, 4.0, shape=0.8),
             "current": _knee(),
             "command": _knee(),
             "creep": Parameter("", 0.0, 0.6, 0.0, scale=1.0, shape=0.2, needs=("yoke",)),
