@@ -43,6 +43,7 @@ from sim2real.recorded.open_record import OpenRecord
 from sim2real.recorded.opened import Opened, noise_of, opened_loop
 from sim2real.recorded.records import Record
 from sim2real.recorded.ringing import ringing
+from sim2real.recorded.slow_drift import drift_columns
 from sim2real.recorded.static_load import loads_off
 
 # Power that a simulation leaves of what is compared, over that of the noise, up to which a stand-in may follow it.
@@ -94,7 +95,7 @@ def evidence_of(
     predicts = Predictor(record, opened, 0, Replay(record, loop, opened.outputs), near=near)
     measured = measured_at(record, loop, opened.outputs)
     noise = open_noise(record, loop, opened.outputs, predicted, at_near)
-    nuisances = ringing(record, loop, opened.outputs, noise, at_near)
+    nuisances = ringing(record, loop, opened.outputs, noise, at_near) | drift_columns(record, loop, opened.outputs)
     if np.isfinite(predicted).all():
         at = coordinates_of(record, loop, opened.outputs, predicted)
         left = measured - at
