@@ -59,13 +59,10 @@ def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndar
     current = system.lags(STATES, (first, second), command)
     both = (first > 0) & (second > 0)
     feedback, lead = (np.where(both, values.effect("amplifier_lag", name), 0.0) for name in ("feedback", "lead"))
-    per_first = np.divide(system.step, first, out=np.zeros(len(first)), where=both)
-    if feedback.any():
-        x1, x2 = (system.signal(name) for name in STATES)
-        system.add(STATES[0], (per_first * feedback)[:, None] * (x1 - x2))
+    system.feed_back(STATES, (first, second), feedback)
     if lead.any():
         # The command enters the second pole itself, so that its output stays the current.
-        ahead = per_first * lead
+        ahead = np.divide(system.step, first, out=np.zeros(len(first)), where=both) * lead
         less = ahead * (1 - feedback) * np.divide(second, first, out=np.zeros(len(first)), where=both)
         system.add(STATES[1], ahead[:, None] * command)
         system.add(STATES[0], -less[:, None] * command)

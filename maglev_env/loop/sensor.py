@@ -25,10 +25,12 @@ EFFECTS: Mapping[str, EffectCard] = {
     ),
     "sensor_lag": EffectCard(
         "sensor",
-        first_order(),
-        "a second probe pole 1 / (1 + s T), D eq 3.20",
+        first_order() | {"feedback": Parameter("", -2.0, 0.95, 0.0, scale=1.0, shape=0.4)},
+        "a second probe pole 1 / (1 + s T) after the nominal one, D eq 3.20; with feedback a filter of second order, "
+        "1 / (1 + s (T_0 + (1 - feedback) T) + s^2 T_0 T)",
         "force and displacement",
         form_share=0.0015,
+        plain_kernel=("feedback",),
     ),
     "sensor_resonance": EffectCard(
         "sensor",
@@ -122,7 +124,10 @@ def reading(
 
 def probe(system: System, values: Values, seen: np.ndarray) -> np.ndarray:
     """Signal of the displacement read (m): the displacement seen (a signal, m) after the probe's poles."""
-    return system.lags(PROBE, (values.rig("sensor_time_constant"), values.effect("sensor_lag")), seen)
+    times = values.rig("sensor_time_constant"), values.effect("sensor_lag")
+    read = system.lags(PROBE, times, seen)
+    system.feed_back(PROBE, times, values.effect("sensor_lag", "feedback"))
+    return read
 
 
 # Rows of a lane. Z1, Z2: outputs of the probe's poles, m. SEEN: input of the converter, with the other axis' share, m;
@@ -201,7 +206,8 @@ def cross_seen(x, k, own, other):
 def z1_next(x, k, y, v, y1, v1):
     """First probe state at the end of the step, exact for the cubic through the motion at both ends of the step."""
     q = k + CUBIC
-    return x[q] * x[k + Z1] + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
+    own = x[q] * x[k + Z1] + x[q + W] * x[k + Z2]
+    return own + x[q + 2 * W] * y + x[q + 3 * W] * v + x[q + 4 * W] * y1 + x[q + 5 * W] * v1
 
 
 @piece

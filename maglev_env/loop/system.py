@@ -156,6 +156,25 @@ class System:
             self.shown[:, self._at[name]] = signal = np.where(there[:, None], own, signal)
         return signal
 
+    def feed_back(
+        self, names: tuple[str, str], time_constants: tuple[np.ndarray, np.ndarray], share: np.ndarray
+    ) -> None:
+        """Make two lags T_0 and T after each other a loop of second order, 1 / (1 + s (T_0 + (1 - f) T) + s^2 T_0 T).
+
+        The rate of the second state is fed back to the first one; `lags` wrote both.
+
+        Args:
+            names: their states.
+            time_constants: s, (n,) each.
+            share: f, (n,); without effect where a lane lacks one of the lags.
+        """
+        first, second = time_constants
+        share = np.where((first > 0) & (second > 0), share, 0.0)
+        if share.any():
+            rate = np.divide(self.step * share, first, out=np.zeros(len(first)), where=share != 0)
+            one, other = (self.signal(name) for name in names)
+            self.add(names[0], rate[:, None] * (one - other))
+
     def oscillator(
         self,
         names: tuple[str, str],

@@ -88,10 +88,12 @@ def saved_by_second(problem: Problem, singles: Sequence[Fit]) -> float:
 
 
 def _freed(problem: Problem, singles: Sequence[Fit], known: Collection[frozenset[str]]) -> list[Fit]:
-    """Fits of the best single effects, each with the effect of a stated parameter that moved too far beside it."""
-    possible = [f for f in singles if not f.hypothesis.contradicted(f.u)]
+    """Fits of the best single effects, each with the effect of a stated parameter that moved too far beside it.
+
+    One that contradicts a stated tolerance is tried, too: beside the effect it does not.
+    """
     jobs = []
-    for f in sorted(possible, key=lambda f: f.cost)[:STRETCHED]:
+    for f in sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:STRETCHED]:
         for name in f.hypothesis.strained(f.u):
             other = TOLERANCE_EFFECTS.get(name)
             if other and {*f.hypothesis.effects, other} not in known:

@@ -65,6 +65,7 @@ class FullAxis(Axis):
         self.ripple = value("hysteresis", "ripple")
         self.static, self.stribeck, self.gradual = (value("friction", k) for k in ("static", "stribeck", "gradual"))
         self.feedback, self.lead = (value("amplifier_lag", key) for key in ("feedback", "lead"))
+        self.filtered = value("sensor_lag", "feedback")
         self.limit, self.r, self.l = value("amplifier_voltage_limit"), rig.coil_resistance, rig.coil_inductance
         direct, weights, rates = eddy_branches(*(value("eddy_current", k) for k in (None, "order", "depth_hz")))
         self.direct, self.weights, self.rates = float(direct), weights.tolist(), rates.tolist()
@@ -210,7 +211,8 @@ class FullAxis(Axis):
         slopes.append(slope)
         source = y - mounts[0] - mounts[2]
         for j, time in enumerate(self.sensor, self.first_sensor):
-            slopes.append((source - x[j]) / time)
+            fed_back = self.filtered * (x[j] - x[j + 1]) if j == self.first_sensor and self.filtered else 0.0
+            slopes.append((source - x[j] + fed_back) / time)
             source = x[j]
         return slopes
 

@@ -75,6 +75,9 @@ FORMS = {
     "an overshooting amplifier, a plate of finite depth": (
         {**effect("amplifier_lag", 1e-4, feedback=0.6), **effect("eddy_current", 300.0, depth_hz=20.0)}, 1e-5,
     ),
+    "a probe's filter of second order, on a mount": (
+        {**effect("sensor_lag", 3e-4, feedback=0.8), **effect("sensor_resonance", 60.0, coupling=0.1)}, 1e-6,
+    ),
     "a current loop with integral action, a plate of finite depth": (
         {**effect("amplifier_lag", 4e-4, feedback=0.1, lead=1.0), **effect("eddy_current", 300.0, depth_hz=20.0)}, 1e-5,
     ),
