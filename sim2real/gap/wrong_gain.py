@@ -12,6 +12,8 @@ import numpy as np
 from maglev_env.loop.gains import Controllers, gain_values, with_gains
 from sim2real.compared.problem import Problem
 from sim2real.gap.wrong_reading import BETTER, fitted
+from sim2real.recorded.drive.other_gains import under_gains
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin
 from sim2real.search.following import Following
@@ -96,7 +98,10 @@ def _under(problem: Problem, fit: Fit, name: str, factor: float) -> Problem | No
             changed = with_gains(gains, **{name: factor * _values(gains)[name]})
         except ValueError:
             return None
-        records.append(replace(record, experiment=replace(record.experiment, gains=changed)))
+        if isinstance(record, OpenRecord):
+            records.append(record if record.source is not None else under_gains(record, changed))
+        else:
+            records.append(replace(record, experiment=replace(record.experiment, gains=changed)))
     return problem.again(fit.hypothesis.point(fit.u), records=records)
 
 
@@ -134,7 +139,8 @@ def _sought(
         factor = min(max(factor + change, 1 - MOST), 1 + MOST)
         if (under := _under(problem, fit, name, factor)) is None:
             return None
-        if (fit := fitted(under, fit.hypothesis, fit.u)) is None:
+        # What took up the wrong gain need not lead back to the rig as it is stated.
+        if (fit := fitted(under, fit.hypothesis, fit.u, np.zeros_like(fit.u))) is None:
             return None
         if abs(change) < ENOUGH * se:
             break

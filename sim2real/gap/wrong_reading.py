@@ -164,10 +164,11 @@ def _freed(
     return fit.cost, WrongReading(channel, False, 1 / (1 + error.scale * amount) - 1, error.scale * se)
 
 
-def fitted(problem: Problem, hypothesis: Hypothesis, start: np.ndarray) -> Fit | None:
-    """A fit with its Jacobian; None where the rotor touches down."""
-    (fit,) = begin([hypothesis], [start], problem.data, problem.simulate)
-    iterate([fit], problem.data, problem.simulate, STEPS)
+def fitted(problem: Problem, hypothesis: Hypothesis, *starts: np.ndarray) -> Fit | None:
+    """The best fit from some starts, with its Jacobian; None where the rotor touches down."""
+    fits = begin([hypothesis] * len(starts), list(starts), problem.data, problem.simulate)
+    iterate(fits, problem.data, problem.simulate, STEPS)
+    fit = min(fits, key=lambda f: f.cost)
     if not np.isfinite(fit.cost):
         return None
     differentiate([fit], problem.data, problem.simulate, True)
