@@ -276,7 +276,7 @@ def _weighed(
         if tempering <= 1
         else [
             f"{evidenced.dispersion.in_words(excused)}, more than noise does: all differences of evidence are divided "
-            f"by the reduced chi-square that is left, {tempering:.2g}"
+            f"by {tempering:.2g}, the reduced chi-square by which they do"
         ]
     )
     notes += runs_in_words(fitted, commands)

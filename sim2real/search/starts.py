@@ -24,7 +24,7 @@ ANOTHER: Mapping[str, tuple[Mapping[str, float], ...]] = {
     **{name: tuple({key: at} for key in keys for at in (0.5, 1.5, 2.5)) for name, keys in DITHERS.items()},
     "amplifier_lag": ({"amplifier_lag.lead": 2.0, "amplifier_lag.feedback": 0.4},),
     "soft_stop": ({"soft_stop.steepness": 1.0},),
-    "saturation": ({"saturation.sharpness": 2.0},),
+    "saturation": ({"saturation.sharpness": 2.0}, {"saturation.sharpness": -1.2}),
 }
 
 
