@@ -99,8 +99,16 @@ def test_a_saturation_may_also_begin_at_the_current_or_the_command():
         h.point(u).effects["saturation"]
         for h, u in starts_elsewhere(Hypothesis((), {}, scales=PAIR), "saturation", 2.0)
     ]
+    iron, found = [v for v in found if v["field"] < 999], [v for v in found if v["field"] > 999]
     assert sorted({*found[0]} | {*found[-1]}) == ["command", "current", "field", "sharpness"]
     assert [values["field"] for values in found] == pytest.approx([1000.0] * len(found))
+    cornered, gentle = ([v["field"] for v in iron if (v["sharpness"] > 4) == sharp] for sharp in (True, False))
+    assert (
+        cornered
+        == gentle
+        == [c.value(u[0]) for u in starts("saturation", PAIR) for c in coordinates_of("saturation", PAIR)]
+    )
+    assert {round(v["sharpness"], 2) for v in iron} == {1.53, 19.81}
     knees = [(values.get("current", values.get("command")), values.get("sharpness", 4.0)) for values in found]
     assert {round(knee, 6) for knee, sharp in knees if sharp == 4.0} == {
         1.4,
