@@ -138,7 +138,7 @@ def diagnose(
             notes.append(between.in_words())
     if named.verdict in ("ambiguous", "unexplained"):
         progress("next experiment")
-        plan = propose(attribution, named.found, weighed.seen, named.verdict == "unexplained")
+        plan = propose(attribution, named.found, weighed.seen, where if named.verdict == "unexplained" else None)
     left, partial = None, attribution.calibration
     if named.verdict == "unexplained":
         progress("what is left")

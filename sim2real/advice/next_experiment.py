@@ -14,6 +14,7 @@ from sim2real.advice.separation import Differences, differences, longer, separat
 from sim2real.advice.slower_rotation import slower
 from sim2real.compared.problem import Part
 from sim2real.compared.reached import moved
+from sim2real.gap.locate import Where
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tones.sightings import Sighting
 from sim2real.judgement.verdict import CLASS_SHARE, alternatives, with_effects
@@ -31,9 +32,10 @@ LENGTHS = {1: 0.0, 4: 0.5, 16: 1.0}  # times as long -> what that adds to the ef
 LONGEST = 300.0  # s that a longer recording may last
 WORTHWHILE = 1.0  # separation that a further recording must add
 TURNING = {"runout", "unbalance"}  # alike at one speed of rotation
+BEFORE_FORCE = {"controller", "amplifier"}  # blocks that do not know where the rotor is
 Separation = tuple[float, tuple[Fit, ...]]  # the least of any two candidates, and these two
 Told = Callable[[Sequence[int], int], Separation]  # of recordings of the menu together that last so many times as long
-# What the kind of a change shows of a cause that is unknown, in the order in which it is asked for.
+# What the kind of a change shows of a cause that is unknown; of two that tell as much, the first one is asked for.
 SHOWS = {
     "channels": "shows whether it acts before the current or behind it",
     "amplitude": "what is linear stays as it is, a limit, a law or a dead band does not",
@@ -44,7 +46,7 @@ SHOWS = {
 
 
 def propose(
-    attribution: Attribution, found: Sequence[Entry], seen: Sequence[Sighting], unknown: bool = False
+    attribution: Attribution, found: Sequence[Entry], seen: Sequence[Sighting], unknown: Where | None = None
 ) -> Plan | None:
     """The recordings that decide best what is left; None where nothing is left to decide, or nothing decides it.
 
@@ -52,10 +54,10 @@ def propose(
         attribution: The candidates, fitted.
         found: All hypotheses with their probabilities.
         seen: The tones that were seen.
-        unknown: Whether nothing of the library explains the recordings.
+        unknown: Where the gap lies, if nothing of the library explains the recordings.
     """
-    if unknown:
-        return _of_the_unknown(attribution)
+    if unknown is not None:
+        return _of_the_unknown(attribution, unknown)
     alike = [set(e.effects) for e in alternatives([e for e in with_effects(found) if e.probability > 0])]
     slowly = ()
     if set().union(*alike) >= TURNING:
@@ -82,18 +84,26 @@ def _seconds(record: Record | OpenRecord) -> float:
     return record.series["displacement"].shape[1] / rate
 
 
-def _of_the_unknown(attribution: Attribution) -> Plan | None:
+def _of_the_unknown(attribution: Attribution, where: Where) -> Plan | None:
     """What shows where an unknown cause acts, and of what it depends; nothing predicts how much.
 
-    What was varied already is not asked for, unless all of it was.
+    First what tells most of a gap that lies there. What was varied already is not asked for, unless all of it was.
     """
     base, made = _base(attribution), made_already([part.record for part in attribution.problem.parts])
     items = menu(base.record)
     kinds = {kind: item for item in reversed(items) for kind in item.change}
     able = [(kind, kinds[kind], why) for kind, why in SHOWS.items() if kind in kinds]
-    asked = ([row for row in able if row[0] not in made] or able)[:MOST]
+    left = [row for row in able if row[0] not in made] or able
+    asked = sorted(left, key=lambda row: -_tells(row[0], where))[:MOST]
     found = (Proposal(i.what, why, i.effort, None, i.change, base.record.name) for _, i, why in asked)
     return Plan(tuple(found), tuple(Choice(i.what, i.effort, None, i.change) for i in items)) if asked else None
+
+
+def _tells(kind: str, where: Where) -> float:
+    """How much a kind of change tells of a gap that lies there, 0 .. 1."""
+    linear = where.kind.get("linear", 0.0) if where.between else 0.5
+    moved = sum(share for block, share in where.blocks.items() if block.partition("+")[0] not in BEFORE_FORCE)
+    return {"channels": 1.0, "amplitude": 1 - linear, "offset": moved, "excitation": linear}.get(kind, 0.5)
 
 
 def _rivals(attribution: Attribution, found: Sequence[Entry]) -> list[Fit]:

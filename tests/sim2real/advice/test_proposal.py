@@ -9,6 +9,7 @@ from sim2real.advice import next_experiment as own
 from sim2real.advice import separation, slower_rotation
 from sim2real.advice.made_already import made_already
 from sim2real.advice.recording_menu import Item
+from sim2real.gap.locate import Where
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tones.sightings import Sighting
 from sim2real.search.candidates import Attribution, Candidate
@@ -146,21 +147,26 @@ def test_what_is_too_short_is_asked_for_longer_where_that_is_the_least_effort():
 
 
 def test_of_an_unknown_cause_it_is_asked_where_it_acts_and_of_what_it_depends(monkeypatch):
-    kinds = ({"amplitude": 2.0}, {"channels": ["current"]}, {"gains": [0.8, 1.3]}, {"excitation": {}})
+    kinds = ({"amplitude": 2.0}, {"channels": ["current"]}, {"gains": [0.8, 1.3]}, {"excitation": {}}, {"offset": 1e-5})
     monkeypatch.setattr(own, "menu", lambda _: [Item(str(k), 1.0, None, ("plant",), k) for k in kinds])
     rest = recorded("rest.npz", 0.01)
 
-    def asked_of(*records) -> list[str]:
+    def asked_of(*records, where) -> list[str]:
         problem = SimpleNamespace(parts=tuple(map(part_of, (rest, *records))))
-        plan = own.propose(SimpleNamespace(problem=problem), [], [], unknown=True)
+        plan = own.propose(SimpleNamespace(problem=problem), [], [], where)
         assert [c.change for c in plan.menu] == list(kinds)
         assert all(p.expected_separation is None and p.of == "a.npz" for p in plan.proposals)
         return [next(iter(p.change)) for p in plan.proposals]
 
     once = recorded("a.npz")
-    assert asked_of(once) == ["channels", "amplitude", "gains"]
-    assert asked_of(once, recorded("half.npz", 0.5)) == ["channels", "gains", "excitation"]
-    assert asked_of(once, recorded("other.npz", 0.9, gains=2.0)) == ["channels", "amplitude", "excitation"]
+    early = Where({"controller+amplifier": 0.9, "sensor": 0.1}, (), {"linear": 1.0}, True, None)
+    bent = Where({"actuator+mechanics": 1.0}, (), {"linear": 0.2, "odd": 0.8}, True, None)
+    assert asked_of(once, where=early) == ["channels", "excitation", "gains"]
+    assert asked_of(once, where=bent) == ["channels", "offset", "amplitude"]
+    assert asked_of(once, recorded("half.npz", 0.5), where=bent) == ["channels", "offset", "gains"]
+    assert asked_of(once, recorded("other.npz", 0.9, gains=2.0), where=early) == ["channels", "excitation", "offset"]
+    untold = Where({"actuator": 0.2, "amplifier": 0.8}, (), {"linear": 1.0}, True, None, between=False)
+    assert asked_of(once, where=untold) == ["channels", "amplitude", "gains"]
 
 
 def test_what_was_varied_already_is_known():
