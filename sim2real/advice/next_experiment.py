@@ -18,7 +18,7 @@ from sim2real.gap.locate import Where
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tones.sightings import Sighting
 from sim2real.judgement.verdict import CLASS_SHARE, alternatives, with_effects
-from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.open_record import OpenRecord, most_samples
 from sim2real.recorded.records import Record
 from sim2real.search.candidates import Attribution
 from sim2real.search.fit import Fit
@@ -29,7 +29,7 @@ SEPARATED = 4.7  # cost between two candidates below which they count as alike (
 ENOUGH = 25.0  # separation above which more effort is not worthwhile
 MOST = 3  # recordings that are asked for at once
 LENGTHS = {1: 0.0, 4: 0.5, 16: 1.0}  # times as long -> what that adds to the effort of a recording
-LONGEST = 300.0  # s that a longer recording may last
+LONGEST = 300.0  # s that a longer recording with a period may last
 WORTHWHILE = 1.0  # separation that a further recording must add
 TURNING = {"runout", "unbalance"}  # alike at one speed of rotation
 BEFORE_FORCE = {"controller", "amplifier"}  # blocks that do not know where the rotor is
@@ -78,10 +78,14 @@ def _base(attribution: Attribution) -> Part:
     return max(periodic or parts, key=lambda part: (len(part.opened.outputs), moved(part.record)))
 
 
-def _seconds(record: Record | OpenRecord) -> float:
-    """How long a recording lasts, s."""
-    rate = record.windows.sample_rate if isinstance(record, OpenRecord) else record.experiment.recorded_rate
-    return record.series["displacement"].shape[1] / rate
+def _lengths(record: Record | OpenRecord, recordings: int) -> list[int]:
+    """How many times as long a recording may last beside so many others, and be compared as a whole."""
+    samples = record.series["displacement"].shape[1]
+    if isinstance(record, OpenRecord):
+        most = most_samples(record.experiment, record.windows.sample_rate, recordings + 1)
+    else:
+        most = int(LONGEST * record.experiment.recorded_rate)
+    return [n for n in LENGTHS if n == 1 or n * samples <= most]
 
 
 def _of_the_unknown(attribution: Attribution, where: Where) -> Plan | None:
@@ -132,7 +136,7 @@ def _between(attribution: Attribution, found: Sequence[Entry]) -> Plan | None:
     looks = {n: found for n, found in looks.items() if np.isfinite(separation([found], fits)[0])}
     if not looks:
         return None
-    lengths = [n for n in LENGTHS if n == 1 or n * _seconds(base.record) <= LONGEST]
+    lengths = _lengths(base.record, len(p.parts))
     untold = _untold([longer(look, lengths[-1]) for look in looks.values()], fits)
     # What nothing tells apart must not hide what can be told.
     looks = {n: {pair: v for pair, v in look.items() if tuple(sorted(pair)) not in untold} for n, look in looks.items()}

@@ -224,6 +224,17 @@ class Stretch:
         return slice(self.start, self.start + self.settling + self.windows.samples)
 
 
+def most_samples(e: Experiment, rate: float, recordings: int) -> int:
+    """Samples of a recording that are compared at most.
+
+    Args:
+        e: the nominal experiment.
+        rate: of the recording, Hz.
+        recordings: how many the campaign has.
+    """
+    return int(max(EACH, TOGETHER // recordings) * rate / e.rig.control_rate)
+
+
 def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.ndarray, recordings: int) -> Stretch:
     """What of a recording is compared.
 
@@ -237,7 +248,7 @@ def compared(e: Experiment, rate: float, driven: np.ndarray, displacement: np.nd
     Raises:
         TellsNothing: the recording is too short for windows of lines.
     """
-    samples, longest = driven.shape[1], int(max(EACH, TOGETHER // recordings) * rate / e.rig.control_rate)
+    samples, longest = driven.shape[1], most_samples(e, rate, recordings)
     radius = float(abs(closed_loop_poles(e)).max()) ** (e.rig.control_rate / rate)
     most = int(LONGEST_SETTLING * min(samples, longest))
     settling = most if radius >= 1 else min(int(np.ceil(SETTLING / -np.log(radius))), most)

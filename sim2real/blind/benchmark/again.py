@@ -73,9 +73,8 @@ def _excited(base: Recording, asked: Mapping[str, Any], rate: float, rng: np.ran
         lines, shape, fundamental = (), "noise", 0.0
     phase = rng.uniform(0, 2 * pi, (frequency.size, 1))
     wave = np.cos(2 * pi * np.outer(frequency, np.arange(samples) / rate) + phase).sum(axis=0)
-    added = Drive(
-        shape, asked["at"], asked["peak"] / np.abs(wave).max() * wave, lines, fundamental, own.direction, own.periods
-    )
+    wave *= asked["peak"] / np.abs(wave).max()
+    added = Drive(shape, asked["at"], wave, lines, fundamental, own.direction, own.periods)
     if shape == "noise" and own.at == asked["at"]:
         return replace(base, drive=replace(own, shape=shape, wave=own.wave + added.wave))
     if not left.lines and shape == "multisine":

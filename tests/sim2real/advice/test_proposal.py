@@ -12,6 +12,7 @@ from sim2real.advice.recording_menu import Item
 from sim2real.gap.locate import Where
 from sim2real.judgement.judge import Entry
 from sim2real.judgement.tones.sightings import Sighting
+from sim2real.recorded.open_record import OpenRecord
 from sim2real.search.candidates import Attribution, Candidate
 from sim2real.search.fitting import begin, differentiate
 from sim2real.search.hypotheses import Hypothesis
@@ -187,3 +188,17 @@ def test_what_nothing_tells_apart_is_said_and_does_not_hide_what_can_be_told(ask
     assert proposed.expected_separation > own.SEPARATED and "tells mass from" in proposed.why
     plan = asked(of("actuator_gain", 0.5, 2), of("sensor_gain", 0.5, 3))
     assert plan.proposals == () and plan.untold == ("actuator_gain from sensor_gain",)
+
+
+def test_a_longer_recording_is_asked_for_only_where_all_of_it_is_compared():
+    """100 s with a period, and without one 20,000 samples beside three recordings, of which 30,000 are compared."""
+    once = SimpleNamespace(series={"displacement": np.zeros((1, 1000))}, experiment=SimpleNamespace(recorded_rate=10.0))
+    assert own._lengths(once, 3) == [1]
+    quick = SimpleNamespace(series=once.series, experiment=SimpleNamespace(recorded_rate=1000.0))
+    assert own._lengths(quick, 3) == [1, 4, 16]
+    e = SimpleNamespace(rig=SimpleNamespace(control_rate=1e4))
+    windows = SimpleNamespace(sample_rate=1e4)
+    for samples, expected in ((1000, [1, 4, 16]), (7000, [1, 4]), (20_000, [1])):
+        record = object.__new__(OpenRecord)
+        vars(record).update(series={"displacement": np.zeros((1, samples))}, experiment=e, windows=windows)
+        assert own._lengths(record, 3) == expected
