@@ -17,7 +17,7 @@ from sim2real.judgement.tones.tone_sizes import tones_in_words
 from sim2real.judgement.verdict import CLASS_SHARE, with_effects
 from sim2real.lags_in_words import whole_lags
 from sim2real.result import OFFSET, Diagnosis, block_of, fitted_parameters
-from sim2real.search.hypotheses import CALIBRATION, NONE, UNKNOWN
+from sim2real.search.hypotheses import CALIBRATION, NONE, REPLACED, UNKNOWN
 from sim2real.words import Fitted, fitted_quantity, percent, quantity
 
 SHOWN_BANDS, LEAST_SHARE = 3, 0.05
@@ -253,8 +253,10 @@ def causes_of(diagnosis: Diagnosis) -> frozenset[str]:
 
 
 def _far(diagnosis: Diagnosis) -> list[str]:
-    """Calibrated parameters that have moved by more than BEYOND stated tolerances."""
-    stated = diagnosis.rig.tolerance
+    """Calibrated parameters that have moved by more than BEYOND stated tolerances; without the time constant of a block
+    whose lag is named, of which nobody can tell a share."""
+    parts = {REPLACED[name] for name in causes_of(diagnosis) if name in REPLACED}
+    stated = {name: sigma for name, sigma in diagnosis.rig.tolerance.items() if name not in parts}
     moved = ((c, abs(c.value) / stated[c.name]) for c in corrections(diagnosis) if c.is_change and c.name in stated)
     return [
         f"{c.name} {quantity(c.value, c.se and NORMAL_95 * c.se, c.unit, True)}{' (95 %)' if c.se else ''}, "

@@ -180,6 +180,12 @@ def test_every_verdict_has_its_sentence():
     )
     lagging = diagnosis(Point(effect("delay", 2e-5), {"actuator_gain": 0.2}), cause=("delay",))
     assert sentence(lagging).endswith("; besides, the rig is not as stated: actuator_gain +20 %, 4 tolerances off.")
+    off = {"actuator_gain": 0.2, "amplifier_time_constant": 0.6}
+    rig = replace(FREE, tolerance={**FREE.tolerance, "amplifier_time_constant": 0.1})
+    lag = diagnosis(Point(effect("amplifier_lag", 2e-5), off), rig, cause=("amplifier_lag",))
+    assert "amplifier_time_constant" not in sentence(lag) and "actuator_gain +20 %, 4 tolerances off" in sentence(lag)
+    other = replace(lag, cause=("delay",), corrected=Point(effect("delay", 2e-5), off))
+    assert "amplifier_time_constant +60 %, 6 tolerances off" in sentence(other)
     pair = diagnosis(Point({**effect("delay", 2e-5), **effect("unbalance", 3e-8)}, {}), cause=("delay", "unbalance"))
     assert sentence(pair).startswith(
         "The gap is explained by delay with unbalance (93 %), in the controller and what turns with the rotor or acts "
