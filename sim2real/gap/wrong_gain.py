@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_env.loop.gains import Controllers, gain_values, with_gains
+from maglev_env.loop.gains import NO_CONTROLLER, Controllers, gain_values, with_gains
 from sim2real.compared.problem import Problem
 from sim2real.gap.wrong_reading import BETTER, fitted
 from sim2real.recorded.drive.other_gains import under_gains
 from sim2real.recorded.open_record import OpenRecord
+from sim2real.recorded.records import Record
 from sim2real.search.fit import Fit
 from sim2real.search.fitting import begin
 from sim2real.search.following import Following
@@ -69,7 +70,9 @@ def wrong_gain(problem: Problem, calibration: Fit, found_in_rig: Fit) -> WrongGa
         calibration: A fit of them by calibration alone.
         found_in_rig: A fit of them by what is found.
     """
-    own = {part.record.name: part.record.experiment.gains for part in problem.parts}
+    own = {r.name: r.experiment.gains for r in (part.record for part in problem.parts) if _under_stated(r)}
+    if not own:
+        return None
     common = set.intersection(*(set(_values(gains)) for gains in own.values()))
     steps = {name: _step(problem, calibration, name, 1.0) for name in sorted(common)}
     enough = calibration.cost - max(BETTER, PROMISED * calibration.excess)
@@ -83,6 +86,12 @@ def wrong_gain(problem: Problem, calibration: Fit, found_in_rig: Fit) -> WrongGa
     return best[1] if best is not None and best[0] < found_in_rig.cost - BETTER else None
 
 
+def _under_stated(record: Record | OpenRecord) -> bool:
+    """Whether the stated controller closes the simulated loop of a recording: it has one, and none stands in for it."""
+    stood_in = isinstance(record, OpenRecord) and record.source is not None
+    return record.experiment.gains != NO_CONTROLLER and not stood_in
+
+
 def _values(gains: Controllers) -> dict[str, float]:
     """The gains of a controller, or of both axes where they are the same, that are not zero."""
     both = [gain_values(one) for one in (gains if isinstance(gains, tuple) else (gains,))]
@@ -93,13 +102,16 @@ def _under(problem: Problem, fit: Fit, name: str, factor: float) -> Problem | No
     """The same recordings under a controller with one gain times a factor; None where it cannot be that large."""
     records = []
     for record in (part.record for part in problem.parts):
+        if not _under_stated(record):
+            records.append(record)
+            continue
         gains = record.experiment.gains
         try:
             changed = with_gains(gains, **{name: factor * _values(gains)[name]})
         except ValueError:
             return None
         if isinstance(record, OpenRecord):
-            records.append(record if record.source is not None else under_gains(record, changed))
+            records.append(under_gains(record, changed))
         else:
             records.append(replace(record, experiment=replace(record.experiment, gains=changed)))
     return problem.again(fit.hypothesis.point(fit.u), records=records)

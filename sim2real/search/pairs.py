@@ -92,11 +92,11 @@ def _freed(problem: Problem, singles: Sequence[Fit], known: Collection[frozenset
 
     One that contradicts a stated tolerance is tried, too: beside the effect it does not.
     """
-    jobs = []
+    jobs, able = [], {f.hypothesis.effects[0] for f in singles}
     for f in sorted((f for f in singles if np.isfinite(f.cost)), key=lambda f: f.cost)[:STRETCHED]:
         for name in f.hypothesis.strained(f.u):
             other = TOLERANCE_EFFECTS.get(name)
-            if other and {*f.hypothesis.effects, other} not in known:
+            if other in able and {*f.hypothesis.effects, other} not in known:
                 h, own = f.hypothesis.instead(*f.hypothesis.effects, other), len(f.hypothesis.coordinates)
                 jobs.append((h, extended(h, np.pad(f.u[:own], (0, len(h.coordinates) - own)), f)))
     fits = begin([h for h, _ in jobs], [u for _, u in jobs], problem.data, problem.simulate)
