@@ -7,7 +7,7 @@ from math import inf
 from estimation.normal import NORMAL_95
 from maglev_env.loop.effect import EFFECTS
 from maglev_env.loop.free.places import NAMES as FREE
-from sim2real.compared.commands_seen import STALLS
+from sim2real.compared.commands_seen import stalled
 from sim2real.gap.leftover import Leftover
 from sim2real.gap.leftover_words import fit_in_words, leaves, parameters_in_words, partial_in_words
 from sim2real.gap.locate import ALL_DRIVEN, Where
@@ -211,7 +211,7 @@ def _loud(diagnosis: Diagnosis) -> str:
     if diagnosis.loud:
         times = f"{max(diagnosis.loud.values()):.2g} times as loud as the noise that the rig states"
         said = f"; but what passes for noise is {times}, and no recording repeats to tell"
-    if any(note.endswith(STALLS) for note in diagnosis.notes):
+    if stalled(diagnosis.notes):
         said += "; but several commands in turn are lost, as of a controller that stalls"
     if diagnosis.bursts:
         said += f"; but something comes in bursts ({', '.join(b.record for b in diagnosis.bursts)})"

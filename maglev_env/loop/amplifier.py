@@ -58,7 +58,7 @@ def coil_current(system: System, values: Values, command: np.ndarray) -> np.ndar
     first, second = values.rig("amplifier_time_constant"), values.effect("amplifier_lag")
     current = system.lags(STATES, (first, second), command)
     both = (first > 0) & (second > 0)
-    feedback, lead = (np.where(both, values.effect("amplifier_lag", name), 0.0) for name in ("feedback", "lead"))
+    feedback, lead = (values.effect("amplifier_lag", name) for name in ("feedback", "lead"))
     system.feed_back(STATES, (first, second), feedback)
     if lead.any():
         # The command enters the second pole itself, so that its output stays the current.

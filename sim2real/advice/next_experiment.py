@@ -143,9 +143,10 @@ def _between(attribution: Attribution, found: Sequence[Entry]) -> Plan | None:
     names = tuple(_from((fits[i], fits[j])) for i, j in untold)
     if not next(iter(looks.values())):
         return Plan((), untold=names)
+    lasting = {length: {n: longer(look, length) for n, look in looks.items()} for length in lengths}
 
     def told(chosen: Sequence[int], length: int) -> Separation:
-        return separation([longer(looks[n], length) for n in chosen], fits)
+        return separation([lasting[length][n] for n in chosen], fits)
 
     length, order = _chosen({n: items[n].effort for n in looks}, told, lengths)
     proposals = []

@@ -40,6 +40,11 @@ REPEATED = 0.05  # share of commands that repeat the one before, from which on t
 RUNS, IN_TURN, REGULAR, USUAL = 5, 4, 0.1, 0.75
 
 
+def stalled(notes: Sequence[str]) -> bool:
+    """Whether notes say that several commands in turn are lost."""
+    return any(note.endswith(STALLS) for note in notes)
+
+
 @dataclass(frozen=True)
 class _Looked:
     """What the current of one axis shows.

@@ -24,16 +24,18 @@ def drift_columns(record: OpenRecord, loop: Loop, outputs: tuple[str, ...]) -> d
         outputs: that are compared.
     """
     displacement = record.series["displacement"]
-    samples, found = displacement.shape[1], {}
-    along = legendre.legvander(np.linspace(-1.0, 1.0, samples), max(DEGREES)).T
-    for axis, size in enumerate(displacement.std(axis=1)):
-        for degree in DEGREES if size > 0 else ():
-            drifting = np.zeros((3, record.axes, samples))  # displacement, current and command
-            drifting[0, axis] = size * along[degree]
-            read = parts_of(record, loop, drifting)["displacement"]
-            column = np.zeros((len(outputs), record.axes, record.frequency.size), complex)
-            for name, lines in read.items():
-                if name in outputs:
-                    column[outputs.index(name)] = record.windows.project(lines).reshape(record.axes, -1)
+    along = legendre.legvander(np.linspace(-1.0, 1.0, displacement.shape[1]), max(DEGREES)).T
+    of_all_axes = np.zeros((len(DEGREES), len(outputs), record.axes, record.frequency.size), complex)
+    for degree, shown in zip(DEGREES, of_all_axes, strict=True):
+        drifting = np.zeros((3, *displacement.shape))  # displacement, current and command
+        drifting[0] = displacement.std(axis=1)[:, None] * along[degree]
+        for name, lines in parts_of(record, loop, drifting)["displacement"].items():
+            if name in outputs:
+                shown[outputs.index(name)] = record.windows.project(lines).reshape(record.axes, -1)
+    found = {}
+    for axis in range(record.axes):
+        for degree, shown in zip(DEGREES, of_all_axes, strict=True):
+            column = np.zeros_like(shown)
+            column[:, axis] = shown[:, axis]
             found[f"drift of degree {degree} along axis {axis} of {record.name}"] = column
     return found

@@ -4,7 +4,7 @@ like the effects that it names."""
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sim2real.compared.commands_seen import LOST, STALLS
+from sim2real.compared.commands_seen import LOST, stalled
 from sim2real.report import causes_of, corrections
 from sim2real.result import Diagnosis
 from sim2real.search.hypotheses import REPLACED, added_lag
@@ -35,7 +35,7 @@ def _not_as_stated(diagnosis: Diagnosis, warnings: Sequence[Mapping[str, Any]]) 
         return []
     unknown = diagnosis.verdict == "unexplained"
     own = [w for w in warnings if w["kind"] == "wiring" or (unknown and w["code"] == LATE and _kind(w) != "current")]
-    if LOST in causes_of(diagnosis) or any(note.endswith(STALLS) for note in diagnosis.notes):
+    if LOST in causes_of(diagnosis) or stalled(diagnosis.notes):
         own = [w for w in own if (w["code"], w.get("channel")) != SPIKE]  # a command that is lost makes one
     if not own:
         return []

@@ -31,10 +31,9 @@ def again(made: Made, of: str, change: Mapping[str, Any], number: int, seed: int
     rng = np.random.default_rng([seed, made.case.number, 1000 + number])
     if unknown := set(change) - {"amplitude", "length", "offset", "gains", "excitation", "channels", "speed"}:
         raise KeyError(f"what is changed by {', '.join(unknown)} is not known")
-    changed = replace(base, name=f"next{number}", role="fit")
-    changed = replace(changed, drive=_longer(base.drive, change.get("length", 1)))
-    if base.beside is not None:
-        changed = replace(changed, beside=_longer(base.beside, change.get("length", 1)))
+    times = change.get("length", 1)
+    drives = {"drive": _longer(base.drive, times), "beside": base.beside and _longer(base.beside, times)}
+    changed = replace(base, name=f"next{number}", role="fit", **drives)
     if "amplitude" in change:
         changed = replace(changed, drive=replace(changed.drive, wave=change["amplitude"] * changed.drive.wave))
     if "offset" in change:

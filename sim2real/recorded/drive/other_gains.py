@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from maglev_env.loop.gains import Controllers, controller_output, of_axis
-from sim2real.recorded.drive.controller_output import referred
+from maglev_env.loop.gains import Controllers
+from sim2real.recorded.drive.drive import Drive
 from sim2real.recorded.open_record import OpenRecord
 
 
@@ -14,12 +14,7 @@ def under_gains(record: OpenRecord, gains: Controllers) -> OpenRecord:
         record: without a source: what drives it is recorded, and its controller is the stated one.
         gains: of the other controller.
     """
-    e, dt = record.experiment, 1 / record.experiment.rig.control_rate
-    command, added = record.command.copy(), record.added.copy()
-    for axis, reference in enumerate(record.waves["reference"]):
-        read = {name: series[axis] for name, series in record.series.items()}
-        for sign, own in ((-1.0, e.gains), (1.0, gains)):
-            controller = of_axis(own, axis)
-            command[axis] += sign * controller_output(controller, dt=dt, reference=reference, **read)
-            added[axis] += sign * referred(controller, reference, dt)
-    return replace(record, experiment=replace(e, gains=gains), command=command, added=added)
+    other = replace(record.experiment, gains=gains)
+    driving = {"injection": record.waves["current"], "reference": record.waves["reference"]}
+    driven = Drive(other).driving({**record.series, **driving})
+    return replace(record, experiment=other, command=driven.command, added=driven.added)
